@@ -39,7 +39,7 @@ from mocap.kinematics.compute import kinematics
 from mocap.kinematics.records import Rests
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 
 ANIMALS = {
     "bat": (make_bat, bat_motion),
@@ -111,9 +111,9 @@ def simulated(animal: str, seed: int, n_frames: int) -> list[dict[str, object]]:
     return [r for r in rows_of(name, run, truth) if r is not None]
 
 
-def rows_of(name: str, run: Run, truth: Motion) -> Iterator[dict[str, object] | None]:
+def rows_of(name: str, run: Recording, truth: Motion) -> Iterator[dict[str, object] | None]:
     """All rows of a tracked recording beside its true motion."""
-    markers, motion = run.tracked.markers, run.motion
+    markers, motion = run.tracks, run.motion
     count = len(markers.names)
     found, exact = kinematics(motion, run.skeleton), kinematics(truth, run.skeleton)
     variance = np.einsum("tnii->tni", motion.own[:, :count].astype(float))
@@ -125,7 +125,7 @@ def rows_of(name: str, run: Run, truth: Motion) -> Iterator[dict[str, object] | 
     error = np.array([[found[n].value - exact[n].value for n in three] for three in names])
     sd = np.array([[found[n].sd for n in three] for three in names])
     states["acceleration"] = (np.moveaxis(error, 2, 0), np.moveaxis(sd, 2, 0))
-    kinds = kinds_of(run.tracked.used.sum(axis=0))
+    kinds = kinds_of(run.used.sum(axis=0))
     for quantity, (error, stated) in states.items():
         for kind, where in kinds.items():
             yield row(name, quantity, kind, error[where], stated[where])
@@ -183,7 +183,7 @@ def real(project: Path) -> list[dict[str, object]]:
     name, digitised = f"real {project.parent.parent.name}-{project.parent.name}", prepared.xyz_m
     sd_m = np.sqrt(np.trace(prepared.cov_m2, axis1=-2, axis2=-1) / 3)
     out: list[dict[str, object]] = []
-    count = len(run.tracked.markers.names)
+    count = len(run.names)
     stated = np.sqrt(np.einsum("tnii->tni", run.motion.own[:, :count].astype(float))[..., 3:])
     measured = np.isfinite(digitised[..., 0])
     distance, both = np.full(digitised.shape, np.nan), np.full(digitised.shape, np.nan)
@@ -194,10 +194,10 @@ def real(project: Path) -> list[dict[str, object]]:
     found = row(name, "velocity from a local cubic", "measured", distance[measured], both[measured])
     if found is not None:
         out.append(found)
-    ok = np.isfinite(run.tracked.nis) & (run.tracked.n_rows > 0)
-    rows = int(run.tracked.n_rows[ok].sum())
+    ok = np.isfinite(run.nis) & (run.n_rows > 0)
+    rows = int(run.n_rows[ok].sum())
     if rows >= FEWEST:
-        nis = float(run.tracked.nis[ok].sum() / rows)
+        nis = float(run.nis[ok].sum() / rows)
         out.append(dict(recording=name, quantity="innovation", kind="measured", n=rows, z=np.sqrt(nis), inside=np.nan))
     return out
 

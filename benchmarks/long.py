@@ -222,8 +222,8 @@ def markers_case(kind: str, count: int, n_frames: int, model: str) -> dict[str, 
                 pixels = PixelTracks(names=skeleton.markers, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=uv)
                 prepared = clean(of_pixels(pixels, cameras, skeleton, name="bat"))
         run, _ = run_job(prepared, model=model, validated=False, stages=stages)  # type: ignore[arg-type]
-    error = np.linalg.norm(run.tracked.markers.xyz_m - xyz, axis=-1)
-    filled = run.tracked.markers.status == Status.SMOOTHED
+    error = np.linalg.norm(run.xyz_m - xyz, axis=-1)
+    filled = run.tracks.status == Status.SMOOTHED
     return {
         "kind": kind,
         "markers": count,

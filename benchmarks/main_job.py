@@ -14,7 +14,7 @@ from mocap.filters.score import compared
 
 from mocap.pipeline.demo import Animal, measured_demo
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
+from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
 from mocap.stages import Stages
 
 METHODS = ("mixture", "eal", "eal_no_potential", "constant_velocity", "cubic", "linear")
@@ -37,7 +37,7 @@ def controls(prepared: Recording, truth_m: np.ndarray) -> dict[str, dict[str, fl
     seen, out = np.isfinite(prepared.xyz_m[..., 0]), {}
     for name, settings in (("eal", PoseSettings()), ("eal_no_potential", PoseSettings(potential="none"))):
         model = learn_motion(prepared, part, "eal", settings=settings)
-        markers = tracked_motion(prepared, part, name, track(prepared, part, model)).markers
+        markers = with_track(prepared, part, name, track(prepared, part, model)).tracks
         out[name] = compared(markers.xyz_m, markers.cov_m2, truth_m, interior_gaps(seen)).as_json()
     return out
 

@@ -1,16 +1,21 @@
 """How fast the tracker is, and what memory it takes.
 
-``python -m benchmarks.tracker_speed [--quick]``. 34 markers in 30 cameras, every ray seen: 2040 rows a frame. Times are
-of one BLAS thread, for every frame: on the wall, and of the processor alone, which a busy machine changes less; the
-best of ``ROUNDS`` runs that take turns. Frames a second are those of the wall. "memory" is by how much the peak of a
-process of its own grows, beyond what it held with the recording in it; ``smooth`` is given 200 MB for states. What was
-seen of each ray, 0.05 MB a frame, is returned by ``filter`` and ``smooth``, and given away by ``live``.
+``python -m benchmarks.tracker_speed [PART ...] [--quick]``; parts are those of ``PARTS``, or all.
+
+*frames*: 34 markers in 30 cameras, every ray seen: 2040 rows a frame. Times are of one BLAS thread, for every frame: on
+the wall, and of the processor alone, which a busy machine changes less; the best of ``ROUNDS`` runs that take turns.
+Frames a second are those of the wall. *memory* is by how much the peak of a process of its own grows, beyond what it
+held with the recording in it; ``smooth`` is given 200 MB for states. What was seen of each ray, 0.05 MB a frame, is
+returned by ``filter`` and ``smooth``, and given away by ``live``. *many*: positions of ever more markers. *commands*:
+whole commands, in processor time over that of ``loop`` in the same minute: a busy machine slows both.
 """
 
 import argparse
 import os
+import resource
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,7 +45,9 @@ from mocap.records import Status
 
 N_CAMERAS, N_MARKERS, SD_PX, FPS = 30, 34, 1.0, 240.0
 ROUNDS = 3
+PARTS = ["frames", "memory", "many", "commands", "mouse"]
 DATA = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+FLIGHT = DATA / "bat_windtunnel_dltdv8" / "derived_csv" / "078A3_F5"
 MOUSE = DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat"
 
 
@@ -149,6 +156,54 @@ def apart(what: str, n_frames: int) -> float:
     return float(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
 
 
+def loop() -> float:
+    """Processor time of a fixed loop, in seconds: 1.5 on an idle machine of 2026."""
+    rng = np.random.default_rng(0)
+    small, large = rng.normal(size=(120, 120)), rng.normal(size=(300, 300))
+    with one_blas_thread():
+        start = time.process_time()
+        for _ in range(400):
+            np.linalg.svd(small)
+            _ = large @ large
+        return time.process_time() - start
+
+
+def many(n_frames: int) -> None:
+    """The pose model of ever more markers between those of the bat, each of which wanders by 0.3 mm."""
+    film = make_bat(n_frames=n_frames, n_cameras=2)
+    trunk, t_s = [film.truth.names.index(name) for name in film.skeleton.trunk], film.truth.t_s
+    least = None
+    for count in (34, 60, 100, 300):
+        rng = np.random.default_rng(0)
+        ends = rng.integers(0, N_MARKERS, (2, count - N_MARKERS))
+        xyz = np.concatenate([film.truth.xyz_m, film.truth.xyz_m[:, ends].mean(axis=1)], axis=1)
+        xyz += 2e-5 * rng.normal(size=xyz.shape).cumsum(axis=0) + 3e-4 * rng.normal(size=xyz.shape)
+        own = MarkerTrial(name="bat", t_s=t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 3e-4))
+        with one_blas_thread():
+            model = PoseSettings(regression=0.0).fit(TrialSet([own], Anatomy(tuple(trunk)))).motion
+        case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), t_s)
+        _, cpu = best({"smooth": case.smoothed}, 1)["smooth"]
+        least = cpu if least is None else least
+        print(f"{count:4} markers{1e3 * cpu / n_frames:9.1f} ms a frame{cpu / least:9.2f} times 34", flush=True)
+
+
+def commands() -> None:
+    """``mocap`` in one process, in loops."""
+    files = [str(FLIGHT / f"{FLIGHT.name}_xypts.csv"), "--calibration", str(FLIGHT / f"{FLIGHT.name}_dltCoefs.csv")]
+    asked = {"demo": ["demo"]}
+    asked |= {"info": ["info", files[0]], "track": ["track", *files, "--fps", "700"]} if FLIGHT.exists() else {}
+    for name, command in asked.items():
+        with tempfile.TemporaryDirectory() as folder:
+            out = [] if name == "info" else ["--out", str(Path(folder) / "run")]
+            before, unit = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, loop()
+            environment = os.environ | {"MOCAP_JOBS": "1", "OMP_NUM_THREADS": "1"}
+            mocap = str(Path(sys.executable).with_name("mocap"))
+            subprocess.run([mocap, *command, *out], env=environment, check=True, capture_output=True)
+            spent = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        unit = 0.5 * (unit + loop())
+        print(f"mocap {name:24}{spent:8.2f} s of the processor{spent / unit:8.2f} loops of {unit:.2f} s", flush=True)
+
+
 def mouse() -> None:
     """10,500 frames of 11 positions: the time to learn a pose model from them, and to smooth them."""
     tracks = read_mat(MOUSE).points
@@ -170,15 +225,34 @@ def mouse() -> None:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="a third of the frames, one round, no mouse")
+    parser.add_argument("part", nargs="*", choices=[*PARTS, []], help="all of them if none is given")
+    parser.add_argument("--quick", action="store_true", help="a third of the frames, one round")
     parser.add_argument("--memory", help=argparse.SUPPRESS)
     parser.add_argument("--frames", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.memory:
         print(memory(options.memory, options.frames))
         return
+    parts = options.part or PARTS
     n_frames, rounds = (100, 1) if options.quick else (300, ROUNDS)
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
+    if "frames" in parts:
+        frames(n_frames, rounds)
+    if "memory" in parts:
+        print(f"\n{'memory, MB: constant velocity':34}{'500 frames':>12}{'2000 frames':>12}")
+        for what in ("filter", "live, lag 10", "smooth"):
+            few, more = (100, 400) if options.quick else (500, 2000)
+            print(f"{what:34}{apart(what, few):12.0f}{apart(what, more):12.0f}")
+    if "many" in parts:
+        many(n_frames // 2)
+    if "commands" in parts:
+        commands()
+    if "mouse" in parts and MOUSE.exists():
+        mouse()
+
+
+def frames(n_frames: int, rounds: int) -> None:
+    """Each model, a frame."""
     print(f"{'34 markers x 30 cameras':44}{'n':>4}  {'':22}{'wall ms':>9}{'cpu ms':>9}{'frames/s':>10}")
     case = markers(n_frames)
     lines = {"filter": case.filtered, "filter + smooth": case.smoothed}
@@ -197,11 +271,6 @@ def main() -> None:
             {"filter": case.filtered, "filter + smooth": case.smoothed},
             rounds,
         )
-    print(f"\n{'memory, MB: constant velocity':34}{'500 frames':>12}{'2000 frames':>12}")
-    for what in ("filter", "live, lag 10", "smooth"):
-        print(f"{what:34}" + "".join(f"{apart(what, n):12.0f}" for n in ((100, 400) if options.quick else (500, 2000))))
-    if MOUSE.exists() and not options.quick:
-        mouse()
 
 
 if __name__ == "__main__":

@@ -16,8 +16,10 @@ def checked_samples(samples: ArrayLike) -> Array:
     """(N, d) finite samples, copied.
 
     Raises:
-        ValueError: another shape, none, or rows that are not finite; the message counts them.
+        ValueError: complex numbers, another shape, none, or rows that are not finite; the message counts them.
     """
+    if np.iscomplexobj(samples):
+        raise ValueError("samples must be real numbers, but are complex")
     z = np.array(samples, dtype=np.float64)
     if z.ndim != 2 or 0 in z.shape:
         raise ValueError(f"samples must have shape (N, d) with N and d at least 1, but have {z.shape}")

@@ -40,11 +40,6 @@ def at_frames(record: R, frames: slice | NDArray[np.int64]) -> R:
     return _of([record], part)
 
 
-def in_succession(records: Sequence[R]) -> R:
-    """Records of one kind, one after the other in time, as one; what does not change with time is the first one's."""
-    return _of(records, lambda values, axis: np.concatenate(values, axis=axis))
-
-
 def _of(records: Sequence[Any], part: Any) -> Any:
     """One record of several: timed arrays as ``part`` makes them of those of all, all else as in the first."""
     first = records[0]

@@ -75,11 +75,9 @@ class Smoothed:
 
     def markers(self, view: "View") -> Array:
         """(M, 3, 3) covariances of markers in the world."""
-        gains, rows = view.times(self.filtered), view.dense()
-        each, n, reads = gains.reshape(-1, 3, gains.shape[-1]), gains.shape[-1], rows.shape[-1]
-        cov = each[..., :reads] @ _t(rows.reshape(-1, 3, reads))
-        cov -= (gains @ self.matrix).reshape(-1, 3, n) @ _t(each)
-        cov = _symmetric(cov)
+        before, shape = Markers(Moments(self.mean, self.filtered), view), (-1, 3, self.mean.shape[-1])
+        later = (before.gains @ self.matrix).reshape(shape) @ _t(before.gains.reshape(shape))
+        cov = _symmetric(before.own - later)
         return cov if view.turn is None else view.turn @ cov @ view.turn.T
 
     def of(self, rows: Array, gains: Array | None = None) -> Array:
@@ -219,10 +217,6 @@ class View:
         """(M, 3) by how much the markers move in the world for a change (..., n) of the state."""
         moved = self.times(change[..., None]).reshape(-1, 3)
         return moved if self.turn is None else moved @ self.turn.T
-
-    def dense(self) -> Array:
-        """(..., 3m, reads) how the markers change with the state, in their axes."""
-        return self.times(np.eye(self.reads))
 
     def combined(self, which: NDArray[np.int64], along: Array) -> Array:
         """(..., kq, reads) rows of q combinations of the coordinates of each of k markers, (..., k, q, 3)."""

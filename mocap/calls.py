@@ -13,6 +13,7 @@ from mocap.errors import MocapError
 _PATH = (str, PathLike)
 _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "unit": (lambda x: isinstance(x, str), "a text: m, mm, cm, in or ft"),
+    "name": (lambda x: isinstance(x, str), "a text: what the recording is called"),
     "seed": (lambda x: isinstance(x, Integral) and not isinstance(x, bool), "a whole number"),
     "progress": (callable, "a function that is called with how far it is, such as print"),
     "folder": (lambda x: isinstance(x, _PATH), "the folder of a result"),
@@ -72,7 +73,8 @@ def _advice(
     said: str,
 ) -> str:
     own = [name for name, one in takes.parameters.items() if one.kind is not Parameter.VAR_KEYWORD]
-    call = f"mocap.{verb}({', '.join(own)})"
+    first = [name for name, one in takes.parameters.items() if one.kind is Parameter.POSITIONAL_OR_KEYWORD]
+    call = f"mocap.{verb}({', '.join(name if name in first else f'{name}=' for name in own)})"
     strange = next((name for name in named if name not in own), None)
     if strange is None:
         return f"mocap.{verb}: {said}: expected {call}"

@@ -121,61 +121,6 @@ def marker_tracks(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class TrackedMotion:
-    """Smoothed motion of all markers, and how well it agrees with what was seen.
-
-    Attributes:
-        model: Name of the motion model.
-        markers: Smoothed positions with covariance; ``origin`` tells measured from filled from rejected.
-        reprojected_px: (C, T, M, 2) ideal pixels of the smoothed positions; C = 0 where only positions were tracked.
-        innovation_px: (C, T, M, 2) measured minus predicted ideal pixel, before the update; NaN where nothing was seen.
-        used: (C, T, M) True where a pixel took part in the estimate.
-        nis: (T,) normalised innovation squared of each frame; NaN without rows.
-        n_rows: (T,) scalar observations used in each frame.
-        log_likelihood: (T,) log density of each frame's observations given those before.
-    """
-
-    model: str
-    markers: MarkerTracks
-    reprojected_px: Annotated[Array, Time(1)]
-    innovation_px: Annotated[Array, Time(1)]
-    used: Annotated[NDArray[np.bool_], Time(1)]
-    nis: OverTime[Array]
-    n_rows: OverTime[NDArray[np.int64]]
-    log_likelihood: OverTime[Array]
-
-    __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        """Copy, freeze and check."""
-        n_frames, n_markers = self.markers.status.shape
-        n_cameras = len(self.used)
-        pixels = (n_cameras, n_frames, n_markers, 2)
-        object.__setattr__(self, "reprojected_px", frozen("reprojected_px", self.reprojected_px, pixels))
-        object.__setattr__(self, "innovation_px", frozen("innovation_px", self.innovation_px, pixels))
-        object.__setattr__(self, "used", frozen("used", self.used, pixels[:3], dtype=np.bool_))
-        object.__setattr__(self, "n_rows", frozen("n_rows", self.n_rows, (n_frames,), dtype=np.int64))
-        for name in ("nis", "log_likelihood"):
-            object.__setattr__(self, name, frozen(name, getattr(self, name), (n_frames,)))
-
-
-def tracks_alone(markers: MarkerTracks, model: str) -> TrackedMotion:
-    """Markers tracked by a model, of whose pixels and innovations nothing is known."""
-    n_frames, n_markers = markers.status.shape
-    none = np.zeros((0, n_frames, n_markers, 2))
-    return TrackedMotion(
-        model=model,
-        markers=markers,
-        reprojected_px=none,
-        innovation_px=none,
-        used=none[..., 0].astype(bool),
-        nis=np.full(n_frames, np.nan),
-        n_rows=np.zeros(n_frames),
-        log_likelihood=np.zeros(n_frames),
-    )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class JointTracks:
     """Position of a joint's child marker relative to its centre, in one frame of reference.
 

@@ -149,6 +149,11 @@ class Skeleton:
         for joint in (*self.joints, *self.body_joints):
             if any(c in joint.name for c in "/\\") or joint.name.startswith("."):
                 raise SkeletonError(f"skeleton {self.name!r}: joint name {joint.name!r} cannot name a file: rename it")
+        parts = [(f"bone {b.a}-{b.b}", (b.a, b.b)) for b in self.bones]
+        parts += [(f"joint {j.name}", (j.parent, j.centre, j.child)) for j in self.joints]
+        for where, members in parts:
+            if len(set(members)) < len(members):
+                raise SkeletonError(f"skeleton {self.name!r}: {where} has a marker twice: {', '.join(members)}")
         uses = [(f"bone {b.a}-{b.b}", m) for b in self.bones for m in (b.a, b.b)]
         uses += [(f"joint {j.name}", m) for j in self.joints for m in (j.parent, j.centre, j.child)]
         uses += [("trunk", m) for m in self.trunk] + [("aliases", m) for m in self.aliases.values()]
@@ -254,7 +259,9 @@ def read_skeleton(path: Path) -> Skeleton:
         return read_model(path)[0]
     try:
         text, _ = decoded(path, regular_bytes(path))  # > of PowerShell writes UTF-16, that of cmd Windows-1252
-    except (OSError, FormatError) as error:
+    except OSError as error:
+        raise SkeletonError(f"{path}: cannot be read: {error.strerror}") from None
+    except FormatError as error:
         raise SkeletonError(f"{path}: not a readable TOML file: {error}") from None
     try:
         table = from_toml(text, str(path))

@@ -51,6 +51,17 @@ def visible(text: str) -> str:
     return _ACTS.sub(_escape, as_text(text))
 
 
+def number_of(count: int, thing: str, things: str | None = None) -> str:
+    """``1 frame``, ``2 frames``.
+
+    Args:
+        count: How many.
+        thing: What one is called.
+        things: What several are called; None: with an s.
+    """
+    return f"{count} {thing if count == 1 else things or thing + 's'}"
+
+
 def _escape(found: re.Match[str]) -> str:
     code = ord(found[0])
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

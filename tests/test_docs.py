@@ -1,5 +1,6 @@
 """What the pages say is so: commands and options exist, links lead somewhere, the README is short."""
 
+import ast
 import platform
 import re
 import sys
@@ -190,6 +191,19 @@ def test_the_reference_describes_every_command():
     for name, command in commands.commands().items():
         section = page.split(f"## {name}\n", 1)[1].split("\n## ", 1)[0]
         assert all(f"`{option}`" in section for option in commands.options(command) - {"--help"})
+
+
+@pytest.mark.parametrize("path", [path for path in TEXTS if path.parent.name != "experiments"])
+def test_examples_import_what_they_use(path):
+    """A block of Python that is copied after those above it on its page has its modules."""
+    blocks = re.findall(r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    known: set[str] = set()
+    for block in blocks:
+        nodes = list(ast.walk(ast.parse(block)))
+        brought = [n for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]
+        known |= {(one.asname or one.name).split(".")[0] for n in brought for one in n.names}
+        used = {n.id for n in nodes if isinstance(n, ast.Name)} & {"eal", "mocap", "np", "pd", "plt", "xr"}
+        assert used <= known, block
 
 
 def example(name: str) -> dict:

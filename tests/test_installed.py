@@ -63,7 +63,7 @@ def test_the_wheel_alone_runs_the_demo(installed, tmp_path):
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert_beats_others(report["gaps"])
     assert_intervals_hold(report)
-    assert_each_joint_has_a_potential(load(tmp_path / "out").run)
+    assert_each_joint_has_a_potential(load(tmp_path / "out"))
     script = "import mocap; r = mocap.load('out'); print(len(r.joints), r.markers.sizes['keypoint'])"
     loaded = run_there(installed, tmp_path, "-c", script)
     assert loaded.stdout.split() == ["18", "24"], loaded.stderr

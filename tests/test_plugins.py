@@ -56,7 +56,7 @@ rec = mocap.from_arrays(found.points.xyz_m, fps=200, unit="m", names=found.names
 res = mocap.track(rec, model="resting", validate=False)
 v = eal.fit_potential(np.random.default_rng(0).normal(size=(40, 2)), kernel=RationalKernel(beta=2.0), lam=1e-2)
 v.save("v.npz")
-print(found.format, res.run.tracked.model, method("resting"), "resting" in NAMES, "resting" in MODELS, "wrong" in NAMED)
+print(found.format, res.model, method("resting"), "resting" in NAMES, "resting" in MODELS, "wrong" in NAMED)
 print(len(TABS), type(eal.load_potential("v.npz").kernel).__name__)
 """
 

@@ -148,7 +148,7 @@ def _assigned(
 def ours(flight: Flight) -> Outcome:
     """This program: ``mocap track`` on the network's files."""
     run, prepared = run_job(flight.recording, validated=False)
-    return Outcome(xyz_m=run.tracked.markers.xyz_m, cov_m2=run.tracked.markers.cov_m2, swaps=prepared.swaps)
+    return Outcome(xyz_m=run.xyz_m, cov_m2=run.cov_m2, swaps=prepared.swaps)
 
 
 def one_person(flight: Flight) -> Outcome:
@@ -162,7 +162,7 @@ def one_person_tracked(flight: Flight) -> Outcome:
     row = np.rint(prepared.t_s * FPS).astype(np.int64)
     shape = flight.truth_m.shape
     xyz, cov = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
-    xyz[row], cov[row] = run.tracked.markers.xyz_m, run.tracked.markers.cov_m2
+    xyz[row], cov[row] = run.xyz_m, run.cov_m2
     return Outcome(xyz_m=xyz, cov_m2=cov)
 
 

@@ -44,7 +44,7 @@ from mocap.io.lens_file import read_lenses, write_lenses
 from mocap.io.registry import read, write
 from mocap.pipeline.job import run_job
 from mocap.pipeline.model_file import load_model, save_model
-from mocap.results.stored import read_run
+from mocap.results.stored import read_recording
 from mocap.results.tables import write_run
 from mocap.skeleton import quoted, read_skeleton
 
@@ -75,12 +75,10 @@ KINDS: Mapping[str, Kind] = {
     "model, header": Kind("m.npz", lambda f: load_model(f / "m.npz"), "npz", "header"),
     "potential": Kind("p.npz", lambda f: load_potential(f / "p.npz"), "npz"),
     "potential, settings": Kind("p.npz", lambda f: load_potential(f / "p.npz"), "npz", "settings"),
-    "result, markers.nc": Kind("run/markers.nc", lambda f: read_run(f / "run"), "hdf5"),
-    "result, run.nc": Kind("run/run.nc", lambda f: read_run(f / "run"), "hdf5"),
-    "result, run.nc, header": Kind("run/run.nc", lambda f: read_run(f / "run"), "hdf5", "header"),
-    "result, motion.nc": Kind("run/motion.nc", lambda f: read_run(f / "run"), "hdf5"),
-    "result, skeleton": Kind("run/skeleton.toml", lambda f: read_run(f / "run"), "toml"),
-    "result, report": Kind("run/report.json", lambda f: read_run(f / "run"), "json"),
+    "result, recording.nc": Kind("run/recording.nc", lambda f: read_recording(f / "run"), "hdf5"),
+    "result, header": Kind("run/recording.nc", lambda f: read_recording(f / "run"), "hdf5", "header"),
+    "result, skeleton": Kind("run/skeleton.toml", lambda f: read_recording(f / "run"), "toml"),
+    "result, report": Kind("run/report.json", lambda f: read_recording(f / "run"), "json"),
     "skeleton": Kind("s.toml", lambda f: read_skeleton(f / "s.toml"), "toml"),
     "movement": Kind("x.nc", lambda f: read(f / "x.nc"), "hdf5"),
     "calibration": Kind("c.toml", lambda f: read_calibration(f / "c.toml"), "toml"),

@@ -39,7 +39,7 @@ class Ours:
 
         def fill(trial: Trial) -> Estimate:
             run, _ = run_job(recording(trial), learned=learned, validated=False)
-            markers, noise = run.tracked.markers, np.maximum(trial.sd_m, LEAST_SD_M) ** 2
+            markers, noise = run.tracks, np.maximum(trial.sd_m, LEAST_SD_M) ** 2
             return Estimate(markers.xyz_m, markers.cov_m2 + noise[:, None, None] * np.eye(3))
 
         return fill

@@ -30,8 +30,8 @@ def flexion_deg(xyz: Array) -> Array:
 
 def main(folder: str = "out/demo") -> None:
     """Draw it from a result of the demo."""
-    run = mocap.load(folder).run
-    markers, bones = run.tracked.markers, run.skeleton.bones
+    run = mocap.load(folder)
+    markers, bones = run.tracks, run.skeleton.bones
     names = list(markers.names)
     truth = make_bat(seed=0).truth.xyz_m
     three = [names.index(name) for name in ("shoulder_r", "elbow_r", "wrist_r")]

@@ -33,7 +33,7 @@ LEAST_FRAMES = 20
 MOST_FRAMES = 4000
 """Of other recordings, from which joints and angles are learned."""
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
-ANGLES = PoseSettings(ranks=(8,), bones=0.0, body=1.0)
+ANGLES = PoseSettings(ranks=(8,), bones=0.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
 Mechanics = Literal["linear", "lagrangian"]
 LAGRANGIAN = replace(ANGLES, potential="limbs", regression=0.0)

@@ -15,6 +15,7 @@ from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
 from mocap.filters.motion.potential import PosePotential, Pull
+from mocap.filters.motion.shape import LinearShape
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, radian, residual_memory_s, shapes_of
 from mocap.filters.roughness import marker_rates, out_of_sample
@@ -50,7 +51,6 @@ class PoseSettings(TrajectoryModel):
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
         process_noise: Factor on the force that those leave unexplained; 0: the likeliest (``likely_noise``).
-        body: Factor on the density of the body's accelerations.
         potential: What holds the pose: V_z of the relative joint coordinates q of each limb, with their velocities
             (``limb motion``) or without (``limbs``); or nothing. Where no limbs are known the shape of the whole pose
             takes their place.
@@ -64,7 +64,6 @@ class PoseSettings(TrajectoryModel):
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
     process_noise: float = 0.0
-    body: float = 0.1
     potential: Potential = "limb motion"
     bones: float = 1.0
     regression: float = 1.0
@@ -175,7 +174,6 @@ def learn_pose(
     shapes = shapes_of(trials, ranks=settings.ranks) if shapes is None else shapes
     motion = recorded_motion(trials, shapes)
     trial, subspace = trials[-1], shapes.subspace
-    density = np.median([body_density(t) for t in trials], axis=0)
     left_sd = np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[-1]))
     memory_s = residual_memory_s(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd)
     common_hz = RESIDUAL_RATE * MATERN_HALF / memory_s
@@ -190,7 +188,7 @@ def learn_pose(
         path=body_path(trial.frames, trial.t_s),
         subspace=own,
         mechanics=linear_shape(motion, ridge=RIDGE),
-        body_density=settings.body * density,
+        body=body_mechanics(trials),
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
         residual_rate_hz=rates,
@@ -290,6 +288,25 @@ def body_density(trial: PoseTrial) -> Array:
         acceleration = np.gradient(velocity, trial.dt_s, axis=0) if len(velocity) > 1 else np.zeros_like(velocity)
         out.append(np.full(3, 2 * velocity.std() * acceleration.std()))
     return np.maximum(np.concatenate(out), np.repeat([1e-6, 1e-4], 3))
+
+
+def body_mechanics(trials: Sequence[PoseTrial]) -> LinearShape:
+    """A free body whose accelerations last: of the size and for the time that those of the trials' paths have.
+
+    White accelerations that follow a turn make velocities look 2 to 8 times too uncertain (docs/experiments/body.md).
+    """
+    sizes, memories = [], []
+    for trial in trials:
+        path = body_path(trial.frames, trial.t_s)
+        for velocity in (path.velocity_m_s, path.rate_rad_s):
+            acceleration = np.gradient(velocity, trial.dt_s, axis=0) if len(velocity) > 1 else np.zeros_like(velocity)
+            change = np.gradient(acceleration, axis=0) if len(velocity) > 1 else acceleration
+            sizes.append(float(np.sqrt(np.mean(acceleration**2))))
+            lasts = sizes[-1] / max(float(np.sqrt(np.mean(change**2))), 1e-30)
+            memories.append(trial.dt_s * np.clip(lasts, 1, len(velocity)))
+    size, memory = (np.repeat(np.median(np.reshape(x, (-1, 2)), axis=0), 3) for x in (sizes, memories))
+    density, none = np.maximum(2 * memory * size**2, np.repeat([1e-6, 1e-4], 3)), np.zeros((6, 6))
+    return LinearShape(none, none, np.zeros(6), np.diag(np.sqrt(density)), memory)
 
 
 def _across_markers(sd: Array) -> Array:

@@ -21,7 +21,7 @@ STEP_RAD = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArticulatedMotion(PoseMotion):
-    """State [z (r), zdot (r), u, g (6), gdot (6), s (3M) | e (F), e1 (F), e2 (F)]: joints' chains of e.
+    """State [z (r), zdot (r), u, g (6), gdot (6), b (6), s (3M) | e (F), e1 (F), e2 (F)]: joints' chains of e.
 
     What ``PoseMotion`` says of marker coordinates holds of the F joint angles, each in arc length: angle * arm =
     mean + basis z + e. So z is what joints do together, with mechanics that were learned, and e what each does by
@@ -57,7 +57,7 @@ class ArticulatedMotion(PoseMotion):
     @property
     def slip(self) -> slice:
         """Where s is."""
-        start = self.shape_states + 12
+        start = self.shape_states + self.body_states
         return slice(start, start + 3 * len(self.slip_sd))
 
     def initial(self) -> Moments:

@@ -42,6 +42,11 @@ class LagrangianMotion(ArticulatedMotion):
         """Numbers that belong to the joints: z and zdot."""
         return 2 * self.rank
 
+    @property
+    def body_states(self) -> int:
+        """Numbers that belong to the root: g and gdot."""
+        return 12
+
     @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
         """Where [z, zdot], g, nothing, gdot and nothing are."""
@@ -148,7 +153,7 @@ class LagrangianMotion(ArticulatedMotion):
         l11, l21, l22 = white_acceleration(np.ones(1), dt_s)
         zero = np.zeros_like(self.white)
         factor[shape, shape] = np.block([[l11 * self.white, zero], [l21 * self.white, l22 * self.white]])
-        l11, l21, l22 = white_acceleration(self.body_density, dt_s)
+        l11, l21, l22 = white_acceleration(np.diag(self.body.density) ** 2, dt_s)
         factor[index[g], index[g]], factor[index[g_rate], index[g_rate]] = l11, l22
         factor[index[g_rate], index[g]] = l21
         slip = index[self.slip]

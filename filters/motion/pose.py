@@ -11,7 +11,6 @@ from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.motion.base import MotionModel, Step, Steps
 from mocap.filters.motion.bones import Bones, bones_term
-from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
 from mocap.filters.motion.potential import PosePotential
 from mocap.filters.motion.shape import LinearShape
@@ -109,11 +108,11 @@ class Regression:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseMotion(MotionModel):
-    """State [z (r), zdot (r), u, g (6), gdot (6) | e (3M), e1 (3M), e2 (3M)]: a shared block, and chains of e.
+    """State [z (r), zdot (r), u, g (6), gdot (6), b (6) | e (3M), e1 (3M), e2 (3M)]: a shared block, and chains of e.
 
     Markers are R exp(w) (mean + basis z + e) + c + p, where R, c is the body's path and g = [p, w] the body's own
-    deviation from it, gdot its velocity less the path's (angular: in body axes). The body moves with white
-    acceleration and angular acceleration: the path is where it is linearised, and drops out of what is predicted.
+    deviation from it, gdot its velocity less the path's (angular: in body axes). The body has accelerations b that
+    last: the path is where it is linearised, and drops out of what is predicted.
     The shape z has ``mechanics``, u being forces of it that last; the residual e of each coordinate is a Matern-5/2
     process, (d/dt + a)^3 e = noise, with its own variance and rate: motion of animals has accelerations, and a
     rougher process states velocities twice as uncertain as they are. Its states are e1 = (d/dt + a) e and e2 =
@@ -126,7 +125,7 @@ class PoseMotion(MotionModel):
         path: Path of the body.
         subspace: Subspace of poses.
         mechanics: Equation of motion of the shape.
-        body_density: (6,) spectral density of the accelerations of the body: m^2/s^3, rad^2/s^3.
+        body: Mechanics of the body, three coordinates in m, three in rad: free, under forces (a mass of 1) that last.
         shape_sd: (2r,) standard deviations of z and zdot before anything is seen.
         body_sd: (12,) the same of g and gdot.
         residual_rate_hz: (3M,) the rate a of the residual of each coordinate, 1/s; or one of all.
@@ -142,7 +141,7 @@ class PoseMotion(MotionModel):
     path: BodyPath
     subspace: PoseSubspace
     mechanics: LinearShape
-    body_density: Array
+    body: LinearShape
     shape_sd: Array
     body_sd: Array
     residual_rate_hz: Array
@@ -168,12 +167,17 @@ class PoseMotion(MotionModel):
     @cached_property
     def chains(self) -> int:
         """Where the chains begin."""
-        return self.shape_states + 12
+        return self.shape_states + self.body_states
 
     @cached_property
     def shape_states(self) -> int:
         """Numbers that belong to the shape: z, zdot, and forces that last."""
         return 2 * self.rank + len(self.mechanics.force)
+
+    @property
+    def body_states(self) -> int:
+        """Numbers that belong to the body: g, gdot, and accelerations that last."""
+        return 18
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
@@ -193,6 +197,7 @@ class PoseMotion(MotionModel):
         shape, g, _, g_rate, _ = self.parts
         sd[shape] = np.concatenate([self.shape_sd, self.mechanics.lasting_sd])
         sd[g], sd[g_rate] = self.body_sd[:6], self.body_sd[6:]
+        sd[g_rate.stop : g_rate.stop + 6] = self.body.lasting_sd
         cov, e = np.diag(sd**2), slice(self.chains, None)
         cov[e, e] = self._chains(STATIONARY[..., None])
         return Moments(np.zeros(len(sd)), cov)
@@ -212,7 +217,9 @@ class PoseMotion(MotionModel):
         shared, shift = usual.shared.copy(), np.array(usual.shift)
         along, speed, half = self._along(step.frame, step.dt_s)
         turn, spin = slice(g.start + 3, g.stop), slice(g_rate.start + 3, g_rate.stop)
-        shared[turn, turn], shared[turn, spin] = (half @ half).T, step.dt_s * half.T  # in axes that turn with the path
+        shared[turn, turn] = (half @ half).T  # in axes that turn with the path
+        after = slice(spin.start, g_rate.stop + 6)
+        shared[turn, after] = half.T @ shared[turn, after]
         shift[g], shift[g_rate] = along, speed
         return Move(shared, usual.chain, usual.noise, shift, usual.decay)
 
@@ -225,14 +232,11 @@ class PoseMotion(MotionModel):
         if dt_s not in self._usual_moves:
             shape, g, e, g_rate, _ = self.parts
             shared, noise = np.eye(self.chains), np.zeros((self.size,) * 2)
-            shared[g, g_rate] = dt_s * np.eye(6)
-            root = self.mechanics.noise(dt_s)
-            noise[shape, shape] = root @ root.T
-            l11, l21, l22 = (np.diag(entry) for entry in white_acceleration(self.body_density, dt_s))
-            noise[g, g], noise[g_rate, g_rate] = l11**2, l21**2 + l22**2
-            noise[g, g_rate] = noise[g_rate, g] = l11 * l21
-            shift = np.zeros(self.size)
-            shared[shape, shape], shift[shape] = self.mechanics.flow(dt_s)
+            shift, body = np.zeros(self.size), slice(g.start, g_rate.stop + 6)
+            for part, mechanics in ((shape, self.mechanics), (body, self.body)):
+                root = mechanics.noise(dt_s)
+                noise[part, part] = root @ root.T
+                shared[part, part], shift[part] = mechanics.flow(dt_s)
             steps = self.residual_rate_hz * dt_s
             noise[e.start :, e.start :] = self._chains(matern_noise(steps))
             chain = np.array([[1.0, dt_s, 0.5 * dt_s**2], [0.0, 1.0, dt_s], [0.0, 0.0, 1.0]])

@@ -22,14 +22,14 @@ class LinearShape:
         damping: (r, r) in 1/s.
         force: (r,) constant force.
         density: (r, r) lower factor of the spectral density of u at low frequencies.
-        memory_s: Time after which u has lost all but 1/e of its correlation.
+        memory_s: Time after which u has lost all but 1/e of its correlation; (r,) of each if ``density`` is diagonal.
     """
 
     stiffness: Array
     damping: Array
     force: Array
     density: Array
-    memory_s: float
+    memory_s: float | Array
 
     @property
     def lasting_sd(self) -> Array:
@@ -55,7 +55,7 @@ class LinearShape:
         n, r = 3 * len(self.force), len(self.force)
         flow, white = self._generator[:n, :n], np.zeros((n, n))
         white[2 * r :, 2 * r :] = self.density @ self.density.T / self.memory_s**2
-        doublings = max(0, int(np.ceil(np.log2(dt_s / self.memory_s))))
+        doublings = max(0, int(np.ceil(np.log2(dt_s / np.min(self.memory_s)))))
         both = expm(dt_s / 2**doublings * np.block([[-flow, white], [np.zeros((n, n)), flow.T]]))
         turn = both[n:, n:].T
         cov = turn @ both[:n, n:]

@@ -17,6 +17,7 @@ from mocap.io.format import Hints
 from mocap.io.registry import identify, read_as
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres, of_cameras
+from mocap.text import number_of
 
 _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
 
@@ -160,17 +161,13 @@ _CONTAINED = {
 """Parts of a file in words."""
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
-
-
 def readable(found: dict[str, Any]) -> str:
     """One summary as text for people."""
     lines = [str(found["file"])]
     if "error" in found:
         return "\n".join([*lines, f"  error: {found['error']}", ""])
     lines.append(f"  {found['title']} ({found['format']})")
-    counts = [_count(found[f"{what}s"], what) for what in ("point", "camera", "frame") if found[f"{what}s"]]
+    counts = [number_of(found[f"{what}s"], what) for what in ("point", "camera", "frame") if found[f"{what}s"]]
     if found["first_frame"] not in (None, 1):
         counts[-1] += f" (the first is number {found['first_frame']})"
     if found["frames"]:
@@ -181,13 +178,13 @@ def readable(found: dict[str, Any]) -> str:
     if found["missing"] is not None:
         gaps = found["gaps"]
         blank = found["undigitised"]
-        without = [_count(blank["frames"], "frame")] if blank["frames"] else []
-        without += [_count(len(blank["markers"]), "marker")] if blank["markers"] else []
+        without = [number_of(blank["frames"], "frame")] if blank["frames"] else []
+        without += [number_of(len(blank["markers"]), "marker")] if blank["markers"] else []
         text = f"  {100 * found['missing']:.1f} % missing"
         text += f" where anything was digitised; {' and '.join(without)} without a sample" if without else ""
-        text += f"; {_count(gaps['count'], 'gap')} inside the tracks"
+        text += f"; {number_of(gaps['count'], 'gap')} inside the tracks"
         if gaps["count"]:
-            longest = _count(gaps["longest_frames"], "frame")
+            longest = number_of(gaps["longest_frames"], "frame")
             text += f", median length {gaps['median_frames']:g}, longest {longest}"
         lines.append(text)
     if found["names"]:

@@ -81,16 +81,16 @@ def jump_findings(
             other, near = _nearest(xyz_m, m, (frames[i], frames[i + 1]))
             if far < APART * near:
                 continue
-            cause = "its clicks are wrong before or after, or it was set elsewhere"
+            cause = "probably a digitising error before or after"
             if other is not None and near < APART * far:
-                cause = f"as if it had been {str(names[other])!r} before or after, {1e3 * near:.4g} {length} away"
+                cause = f"probably swapped with {str(names[other])!r}, {1e3 * near:.4g} {length} away, before or after"
             found.append(
                 Finding(
                     kind="jump",
                     alarm=True,
                     text=f"{name!r} jumps by {1e3 * far:.4g} {length} between frames {one} and "
                     f"{next_one} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
-                    f"{cause}; do not trust a gap filled between the two",
+                    f"{cause}: check these frames before filling",
                     numbers={"length": far, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),
                     frames=(one, next_one),

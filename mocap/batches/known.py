@@ -17,7 +17,7 @@ from mocap.io.crop import crops_beside
 from mocap.io.lock import locked
 from mocap.io.manifest import PARTIAL, current_files, digest
 from mocap.io.output import recovered, result_folder
-from mocap.results.stored import REST
+from mocap.results.stored import RECORDING
 from mocap.schema import Entry, Schema, checked
 
 RECORD = "trial.json"
@@ -136,7 +136,7 @@ def read_record(folder: Path) -> Record | None:
         record = Record(row=row, **told)
     except (KeyError, OSError, TypeError, ValueError, FormatError):
         return None
-    whole = record.status != "done" or REST in files
+    whole = record.status != "done" or RECORDING in files
     return record if whole and all(path.is_file() for path in files.values()) else None
 
 

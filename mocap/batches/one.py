@@ -118,7 +118,7 @@ def _timeless(tracked: Tracked) -> Tracked:
     """The same, without the times that its stages took: a result depends on the trial alone."""
     report = {name: value for name, value in tracked.report.items() if name != "seconds"}
     text = readable(report, title=tracked.name)
-    return Tracked(replace(tracked.run, report=report, report_text=text))
+    return replace(tracked, report=report, report_text=text)
 
 
 def stated_of(trial: Trial) -> dict[str, object]:
@@ -133,7 +133,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     one; ``residual_px`` is the median triangulation residual; ``rmse_mm`` and ``coverage95`` are of samples hidden
     from the recording and filled again: root mean square error, and the percentage inside 95 % intervals.
     """
-    report, markers = tracked.report, tracked.run.tracked.markers
+    report, markers = tracked.report, tracked.tracks
     missing = gaps((markers.status == Status.MEASURED)[None])
     model = report["model"]["name"]  # type: ignore[index]
     methods = report["validation"]["methods"]  # type: ignore[index]

@@ -219,9 +219,9 @@ def decide_origin(
                 "belong to these pixels)"
             )
         raise CalibrationError(
-            f"the median triangulation residual is {best[0]:.0f} px: the coefficients do not belong to these "
-            "pixels, or the two count rows from different corners: check the files, or give `image_height_px` so "
-            "that vertical flips are tried"
+            f"the median triangulation residual is {best[0]:.0f} px: these pixels and this calibration do not fit "
+            "together: check that they are of one session, that their cameras are in one order and count rows from one "
+            "corner (give `image_height_px` so that vertical flips are tried), and that a lens is not missing"
         )
     others = [t for t in allowed if not _same(t, best)]
     if others and others[0][0] < CLEARLY * best[0]:

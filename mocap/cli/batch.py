@@ -57,7 +57,9 @@ def batch(
     pictures: Annotated[
         bool, typer.Option("--pictures", help="Write figures, report.html and recording.rrd of each trial, too.")
     ] = False,
-    validate: Annotated[bool, typer.Option(help="Hide samples of each trial and measure how they are filled.")] = True,
+    validate: Annotated[
+        bool, typer.Option(help="Do not hide samples of each trial to measure how well they are filled.")
+    ] = True,
     again: Annotated[bool, typer.Option("--again", help="Track all trials, also those that have been.")] = False,
     as_json: AsJson = False,
 ) -> None:

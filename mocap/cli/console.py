@@ -12,12 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
-from rich.markdown import Markdown
 from rich.segment import Segment
 
 from mocap.cli.words import option_names, with_options
 from mocap.progress import bars
-from mocap.text import visible
+from mocap.text import number_of, visible
 
 
 class _Visible:
@@ -72,6 +71,8 @@ def say_error(text: str) -> None:
 
 def show(markdown: str) -> None:
     """Markdown on stdout."""
+    from rich.markdown import Markdown  # a fifth of what a command imports, for few of them
+
     output.print(Markdown(visible(_with_options(markdown)), hyperlinks=False))
 
 
@@ -147,7 +148,8 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
     from mocap.pipeline.summary import better, error_lines, length_line, notes
 
     page = "report.md" if report.get("plane") else "report.html"
-    size = f"{report['frames']} frames, {len(report['markers'])} markers, {len(report['cameras'])} cameras"
+    counts = report["frames"], len(report["markers"]), len(report["cameras"])
+    size = ", ".join(number_of(n, thing) for n, thing in zip(counts, ("frame", "marker", "camera"), strict=True) if n)
     lines = _indented(f"{report['name']}: {size}", "")
     lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.csv, kinematics.csv)")
     if not report.get("plane"):

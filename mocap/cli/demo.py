@@ -33,6 +33,6 @@ def demo(
     from mocap.stages import Stages
 
     with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell, processes(jobs):
-        result = Tracked(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))
+        result = Tracked.of(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))
         result.write(folder, progress=tell)
-    finish(result.report, result.run.report_text, out, as_json=as_json, verbose=verbose)
+    finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose)

@@ -32,7 +32,7 @@ class TrussOptions:
         int, typer.Option(min=0, help="Number of internal nodes; parts cannot be made of such trusses.")
     ] = 0
     symmetric: Annotated[bool, typer.Option("--symmetric", help="Members in mirrored pairs.")] = False
-    crossing: Annotated[bool, typer.Option(help="Whether members that share no node may cross.")] = True
+    crossing: Annotated[bool, typer.Option(help="Members that share no node must not cross.")] = True
     starts: Annotated[int, typer.Option(min=1, help="Number of random ground structures to start from.")] = 4
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same truss.")] = 0
 
@@ -84,7 +84,7 @@ class SizeOptions:
 class PartOptions:
     """What its parts are made of, and how well."""
 
-    solid: Annotated[bool, typer.Option(help="Make parts for 3D printing.")] = True
+    solid: Annotated[bool, typer.Option(help="Make no parts for 3D printing.")] = True
     material: Annotated[str, typer.Option(help="pa12, petg, pla or tpu95a.")] = "pa12"
     young_mpa: Annotated[
         float | None, typer.Option(help="Young's modulus, if it differs from the material's usual one.")

@@ -70,7 +70,7 @@ def kinematics(
             say(f"{scale_osim.name}: {len(scaled)} bodies scaled: {told}{rest}")
         if moments:
             result.write_moments(folder)
-    empty = [why_none(result.run.skeleton)] if result.cycles.empty else []
+    empty = [why_none(result.skeleton)] if result.cycles.empty else []
     for note in (*empty, *result.kinematics.notes, *(result.moments.notes if moments else ())):
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")

@@ -151,8 +151,10 @@ class Command(TyperCommand):
         order = list(panel)
         all_names, self.params = self.params, [copy(one) for one in self.params]
         for one in self.params:
-            one.opts = one.secondary_opts or one.opts[:1]  # what changes the default
-            one.secondary_opts = []
+            if one.default is not None or not one.secondary_opts:  # else both names of a switch do something
+                one.opts = one.secondary_opts or one.opts[:1]  # what changes the default
+                one.secondary_opts = []
+            one.show_default = one.show_default and not isinstance(one.default, bool)  # type: ignore[attr-defined]
             one.metavar = word.get(str(one.name), _word(one, ctx))  # type: ignore[attr-defined]
             if isinstance(one, TyperArgument):
                 one.display_type_rich = lambda ctx: None  # type: ignore[method-assign]  # noqa: ARG005

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -34,20 +35,22 @@ def skeleton(
     from mocap.io.output import result_file
     from mocap.pipeline.propose_skeleton import Proposal, propose_skeleton
     from mocap.skeleton import is_model, read_model
+    from mocap.text import number_of
 
-    inputs, findings = tuple(tracks), ()
-    if len(tracks) == 1 and is_model(tracks[0]):
-        model, text = read_model(tracks[0])
-        found = Proposal(skeleton=model, text=text)
-    else:
+    recording = None
+    if len(tracks) > 1 or not is_model(tracks[0]):
         try:
             recording = stated.read(tracks)
         except NoRateError:
             recording = replace(stated, fps=100.0).read(tracks)  # any: distances, angles, cycles do not depend on it
-        found = propose_skeleton(recording, names=names)
-        inputs, findings = recording.inputs, recording.findings
-    if out is not None:
-        with result_file(out, replace=force, inputs=inputs, tell=say) as file:
+    inputs = tuple(tracks) if recording is None else recording.inputs
+    with nullcontext() if out is None else result_file(out, replace=force, inputs=inputs, tell=say) as file:
+        if recording is None:
+            model, text = read_model(tracks[0])
+            found = Proposal(skeleton=model, text=text)
+        else:
+            found = propose_skeleton(recording, names=names)
+        if file is not None:
             file.write_text(found.text, encoding="utf-8", newline="")
     counts = {
         "markers": len(found.skeleton.markers),
@@ -62,12 +65,13 @@ def skeleton(
     elif out is None:
         sys.stdout.buffer.write(found.text.encode("utf-8"))  # whatever the encoding of the terminal: it becomes a file
         sys.stdout.flush()
-    bodies = f"{counts['bodies']} rigid bodies, " if counts["bodies"] else ""
-    trunk = f"a trunk of {counts['trunk']} markers" if counts["trunk"] else "no trunk"
+    parts = [number_of(counts["markers"], "marker"), number_of(counts["bones"], "bone")]
+    parts += [number_of(counts["bodies"], "rigid body", "rigid bodies")] if counts["bodies"] else []
+    parts += [number_of(counts["joints"], "joint")]
+    parts += [f"a trunk of {number_of(counts['trunk'], 'marker')}" if counts["trunk"] else "no trunk"]
     still = ["no limb moves in cycles: cycles.csv stays empty unless [measures] names one"]
     say(
-        *map(str, findings),
-        f"proposed: {counts['markers']} markers, {counts['bones']} bones, {bodies}{counts['joints']} joints, {trunk}; "
-        "check and correct it",
-        *([] if counts["cycles"] or is_model(tracks[0]) else still),
+        *map(str, recording.findings if recording else ()),
+        f"proposed: {', '.join(parts)}; check and correct it",
+        *([] if counts["cycles"] or recording is None else still),
     )

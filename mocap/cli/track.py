@@ -62,9 +62,7 @@ def track(
         ),
     ] = "auto",
     live: Annotated[bool, typer.Option("--live", help="Show frames in the viewer while they are tracked.")] = False,
-    validate: Annotated[
-        bool, typer.Option(help="Do (not) hide some points to measure how well they are filled.", show_default=False)
-    ] = True,
+    validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
     fit_lens: FitLens = False,
     blocks: Annotated[
         int | None,
@@ -142,9 +140,9 @@ def track(
                     opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
                 )
             result.write(folder, progress=tell)
-        no_cycles = (out / "cycles.csv").exists() and result.cycles.empty and bool(result.run.skeleton.joints)
-        also = [why_none(result.run.skeleton)] if no_cycles else []
-        finish(result.report, result.run.report_text, out, as_json=as_json, verbose=verbose, also=also)
+        no_cycles = (out / "cycles.csv").exists() and result.cycles.empty and bool(result.skeleton.joints)
+        also = [why_none(result.skeleton)] if no_cycles else []
+        finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
         if watched is not None:
             watched[0].show(out / "recording.rrd", result.recording_id)
             with suppress(KeyboardInterrupt):

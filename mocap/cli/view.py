@@ -51,7 +51,8 @@ def with_recording(run: Path, folder: Path) -> Path:
     import mocap
     from mocap.io.manifest import current
 
-    if not run.is_dir() or current(run, "recording.rrd").is_file() or not current(run, "run.nc").is_file():
+    stored = any(current(run, name).is_file() for name in ("recording.nc", "run.nc"))  # run.nc: of the version before
+    if not run.is_dir() or current(run, "recording.rrd").is_file() or not stored:
         return run
     made = folder / run.resolve().name
     mocap.load(run).write_recording(made)

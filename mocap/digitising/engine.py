@@ -507,7 +507,7 @@ class Engine:
         lost = ~(sd < 0.5 * self.observer.length_m)
         if not lost.any():
             return ahead
-        x, cov = ahead.x.copy(), ahead.cov.copy()
+        x, cov = ahead.mean.copy(), ahead.cov.copy()
         middle = x[~lost, :3].mean(axis=0) if not lost.all() else np.nan_to_num(x[:, :3]).mean(axis=0)
         near = np.linalg.norm(x[:, :3] - middle, axis=1) < self.observer.length_m
         x[lost & ~near, :3], x[lost, 3:] = middle, 0.0
@@ -674,7 +674,7 @@ class Engine:
             ahead = unpacked(t.backward[end + 1])
             after_rays, merged = t.rays[end + 1], t.merged[:, end + 1]
             dots = Named(
-                t.dot[:, end + 1], ahead.xyz_m, ahead.cov_m2, t.doubtful[end + 1], ahead.x[:, 0], after_rays, merged
+                t.dot[:, end + 1], ahead.xyz_m, ahead.cov_m2, t.doubtful[end + 1], ahead.mean[:, 0], after_rays, merged
             )
             seen = self._places(end + 1, dots)
             sd = self._deviations(end + 1, dots)
@@ -769,12 +769,12 @@ def first_state(xyz_m: Array, cov_m2: Array, speed_m: float) -> State:
 def _alike(a: State, b: State) -> bool:
     """Whether two states of all markers are the same, to a twentieth of their standard deviations."""
     sd_a, sd_b = (np.sqrt(np.einsum("mii->mi", state.cov)) for state in (a, b))
-    return bool((np.abs(a.x - b.x) < 0.05 * sd_b).all() and (np.abs(sd_a - sd_b) < 0.05 * sd_b).all())
+    return bool((np.abs(a.mean - b.mean) < 0.05 * sd_b).all() and (np.abs(sd_a - sd_b) < 0.05 * sd_b).all())
 
 
 def packed(state: State) -> NDArray[np.float32]:
     """(M, 90) of a state."""
-    return np.concatenate([state.x, state.cov.reshape(len(state.x), 81)], axis=1).astype(np.float32)
+    return np.concatenate([state.mean, state.cov.reshape(len(state.mean), 81)], axis=1).astype(np.float32)
 
 
 def unpacked(row: NDArray[np.float32]) -> State:

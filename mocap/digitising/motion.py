@@ -1,6 +1,8 @@
 """Motion of markers on their own: constant acceleration with white jerk, all markers of a frame at once.
 
-The time unit is the frame. A state is [position, velocity, acceleration] in metres, m / frame and m / frame^2.
+The time unit is the frame. A state is [position, velocity, acceleration] in metres, m / frame and m / frame^2: three
+chains of three states each for the filter's step in time. Updates are not the filter's: dots are named anew in each
+frame, backward in time too, and what comes back is a position's posterior, of rays that other markers have a say in.
 """
 
 import warnings
@@ -10,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.filters.gaussian import Moments, Move
 
-_ONE = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
-STEP = np.kron(_ONE, np.eye(3))
-"""(9, 9) transition from one frame to the next."""
+STEP = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+"""(3, 3) transition of each coordinate from one frame to the next."""
 _JERK = np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
 JERK = np.kron(_JERK, np.eye(3))
 """(9, 9) covariance that white jerk of unit density adds in a frame."""
@@ -22,21 +24,13 @@ REVERSED = np.repeat([1.0, -1.0, 1.0], 3)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
-    """Markers at an instant.
-
-    Attributes:
-        x: (M, 9) states.
-        cov: (M, 9, 9) covariances.
-    """
-
-    x: Array
-    cov: Array
+class State(Moments):
+    """Markers at an instant: (M, 9) means of their states, and (M, 9, 9) covariances."""
 
     @property
     def xyz_m(self) -> Array:
         """(M, 3) positions."""
-        return self.x[:, :3]
+        return self.mean[:, :3]
 
     @property
     def cov_m2(self) -> Array:
@@ -45,16 +39,17 @@ class State:
 
     def turned(self) -> "State":
         """The same, for time that runs backward."""
-        return State(self.x * REVERSED, self.cov * REVERSED[:, None] * REVERSED)
+        return State(self.mean * REVERSED, self.cov * REVERSED[:, None] * REVERSED)
 
     def looser(self, factor: float) -> "State":
         """With covariances multiplied."""
-        return State(self.x, self.cov * factor)
+        return State(self.mean, self.cov * factor)
 
 
 def predicted(state: State, density: Array) -> State:
     """A frame later; ``density`` (M,) of the jerk in m^2 / frame^5."""
-    return State(state.x @ STEP.T, STEP @ state.cov @ STEP.T + density[:, None, None] * JERK)
+    ahead = Move(np.zeros((0, 0)), STEP, density[:, None, None] * JERK).ahead(state)
+    return State(ahead.mean, ahead.cov)
 
 
 def positioned(state: State, xyz_m: Array, cov_m2: Array, which: NDArray[np.bool_]) -> State:
@@ -62,7 +57,7 @@ def positioned(state: State, xyz_m: Array, cov_m2: Array, which: NDArray[np.bool
 
     With the gain B = C_xp C_pp^-1 of the state on its position, x = x + B (p' - p), C = C + B (C_pp' - C_pp) B^T.
     """
-    x, cov = state.x.copy(), state.cov.copy()
+    x, cov = state.mean.copy(), state.cov.copy()
     before = cov[which][:, :3, :3]
     gain = np.swapaxes(np.linalg.solve(before, cov[which][:, :3, :]), 1, 2)
     x[which] += np.einsum("mij,mj->mi", gain, xyz_m[which] - x[which, :3])
@@ -74,7 +69,7 @@ def fused(a: State, b: State) -> State:
     """Two independent opinions on the same states as one (the two-filter smoother; Fraser & Potter 1969)."""
     total = a.cov + b.cov
     gain = np.swapaxes(np.linalg.solve(total, a.cov), 1, 2)
-    x = a.x + np.einsum("mij,mj->mi", gain, b.x - a.x)
+    x = a.mean + np.einsum("mij,mj->mi", gain, b.mean - a.mean)
     cov = a.cov - gain @ a.cov
     return State(x, 0.5 * (cov + np.swapaxes(cov, 1, 2)))
 

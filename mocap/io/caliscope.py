@@ -1,10 +1,9 @@
 """Caliscope's tables: ``xy.csv``, a row for each point that a camera saw, and ``xyz.csv``, one for each point."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from eal.arrays import Array
 from mocap.errors import FormatError
@@ -16,13 +15,18 @@ from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _SEEN = ("sync_index", "point_id", "img_loc_x", "img_loc_y")
 _PLACES = ("sync_index", "point_id", "x_coord", "y_coord", "z_coord")
 _CAMERAS = ("port", "cam_id")
 _NAMES = "names of points are not in the file: they are numbered as its tracker numbers them"
 
 
-def _table(path: Path) -> pd.DataFrame:
+def _table(path: Path) -> "pd.DataFrame":
+    import pandas as pd
+
     header, values = read_table(path)
     table = pd.DataFrame(values, columns=header)
     camera = [title for title in _CAMERAS if title in header]
@@ -35,7 +39,7 @@ def _table(path: Path) -> pd.DataFrame:
     return table.astype(dict.fromkeys(keys, int))
 
 
-def _rows(path: Path, table: pd.DataFrame, columns: list[str]) -> tuple[np.ndarray, Array]:
+def _rows(path: Path, table: "pd.DataFrame", columns: list[str]) -> tuple[np.ndarray, Array]:
     """(T,) frames from the first to the last, and (T, M, K) values of the M points in order of their numbers."""
     points, index = np.unique(table["point_id"]), table["sync_index"].to_numpy()
     first, last = int(index.min()), int(index.max())
@@ -46,7 +50,7 @@ def _rows(path: Path, table: pd.DataFrame, columns: list[str]) -> tuple[np.ndarr
     return frames, values
 
 
-def _rate(path: Path, table: pd.DataFrame) -> tuple[float | None, list[str]]:
+def _rate(path: Path, table: "pd.DataFrame") -> tuple[float | None, list[str]]:
     """Frames a second by the mean time of each frame, where there are times."""
     if "frame_time" in table:
         times: Any = table.groupby("sync_index")["frame_time"].mean().dropna()  # type: ignore[union-attr]

@@ -9,22 +9,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.cells import as_cells, from_cell
 from mocap.io.lines import LARGEST, one_kind
 
-TO_THE_LAST_BIT: dict[str, Any] = (
-    {"float_precision": "round_trip"} if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1) else {}
-)
-"""Option of pandas' reader, which takes the nearest number by itself from version 3.1 on, and warns of the option."""
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
+SMALL = 1 << 18
+"""Fewer bytes of numbers are read here, in less time (0.1 s) than importing pandas takes (0.5 s), which reads more."""
 _TRUTH = re.compile(rb"true|false", re.IGNORECASE)
 _NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1', re.ASCII)
+
+
+def to_the_last_bit() -> dict[str, Any]:
+    """Option of pandas' reader: from version 3.1 on it takes the nearest number by itself, and warns of the option."""
+    import pandas as pd
+
+    return {"float_precision": "round_trip"} if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1) else {}
 
 
 def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
@@ -120,20 +124,9 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
         body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
     _check_columns(path, body, width, line)
     try:
-        if any(letter in body for letter in (b"u", b"U", b"l", b"L")) and _TRUTH.search(body):
-            raise ValueError("pandas reads these as 1 and 0")
-        table = pd.read_csv(
-            io.BytesIO(body),
-            header=None,
-            dtype=np.float64,
-            na_values=MISSING_WORDS,
-            keep_default_na=False,
-            skip_blank_lines=False,
-            **TO_THE_LAST_BIT,
-        )
+        values = _few(body) if len(body) < SMALL else _many(body)
     except ValueError:
         raise FormatError(_bad_cell(path, body, names, line)) from None
-    values = table.to_numpy()
     with np.errstate(invalid="ignore"):
         wrong = np.abs(values) > LARGEST
     if wrong.any():
@@ -144,6 +137,43 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
             f"{path.name}: line {row + line}, {where}: {what}; expected a number below {LARGEST:g}, or NaN: correct it"
         )
     return values
+
+
+def _few(body: bytes) -> Array:
+    """Numbers of lines of as many cells.
+
+    Raises:
+        ValueError: a cell is no number.
+    """
+    rows = [[_value(cell) for cell in line.split(",")] for line in body.decode("ascii").split("\n")]
+    return np.array(rows, dtype=np.float64)
+
+
+def _value(cell: str) -> float:
+    bare = cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
+    if bare in MISSING_WORDS:
+        return np.nan
+    if not _NUMBER.fullmatch(cell):
+        raise ValueError(cell)
+    return float(bare)
+
+
+def _many(body: bytes) -> Array:
+    """The same by pandas."""
+    import pandas as pd
+
+    if any(letter in body for letter in (b"u", b"U", b"l", b"L")) and _TRUTH.search(body):
+        raise ValueError("pandas reads these as 1 and 0")
+    table = pd.read_csv(
+        io.BytesIO(body),
+        header=None,
+        dtype=np.float64,
+        na_values=MISSING_WORDS,
+        keep_default_na=False,
+        skip_blank_lines=False,
+        **to_the_last_bit(),
+    )
+    return table.to_numpy()
 
 
 def _check_columns(path: Path, body: bytes, expected: int | None, first_line: int) -> None:
@@ -172,6 +202,8 @@ def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) ->
 
 def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:
     """Write names and (rows, columns) numbers, ``NaN`` where missing."""
+    import pandas as pd
+
     with path.open("w", encoding="utf-8", newline="") as stream:
         if names:
             csv.writer(stream, lineterminator="\n").writerow(as_cells(names))

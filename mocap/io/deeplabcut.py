@@ -10,10 +10,9 @@ import io
 import pickle
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from eal.arrays import Array
 from mocap.errors import FormatError
@@ -22,6 +21,9 @@ from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, number, numbers, one_line, read_lines
 from mocap.io.optical import metres
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _KEY = "df_with_missing"
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
@@ -188,8 +190,10 @@ def _frame_numbers(index: Any, count: int) -> Array:
     return index.astype(np.float64) if index.dtype.kind in "iu" and index.shape == (count,) else np.arange(float(count))
 
 
-def _tables(path: Path, recording: FileContents) -> list[tuple[Path, pd.DataFrame]]:
+def _tables(path: Path, recording: FileContents) -> list[tuple[Path, "pd.DataFrame"]]:
     """The table of each file: x, y and likelihood of a camera (1 where nothing states it), or x, y, z."""
+    import pandas as pd
+
     animals = list(recording.animals) or [("", name) for name in recording.names]
     several = len({animal for animal, _ in animals}) > 1
     keys = [("eal-mocap", *((animal or "single",) if several else ()), part) for animal, part in animals]

@@ -5,7 +5,7 @@ specifications: NetCDF-4"): h5netcdf, which xarray writes with, takes 8 ms for e
 a quarter of the time of a short trial.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,12 +26,13 @@ NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10}"
 _DIMENSION, _DIMENSIONS = "_Netcdf4Dimid", "_Netcdf4Coordinates"
 
 
-def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False) -> bytes:
+def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False, loose: Collection[str] = ()) -> bytes:
     """The bytes of a NetCDF file.
 
     Args:
         dataset: What to write.
         packed: Whether its variables are compressed; coordinates and text are not.
+        loose: Variables that are not, as they hardly would be smaller.
     """
     import h5py
     from xarray.conventions import cf_encoder, encode_dataset_coordinates
@@ -43,7 +44,9 @@ def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False) -> bytes:
         scales, others = {}, []
         for name in sorted(map(str, variables), key=lambda name: name not in numbers):  # coordinates first
             one = variables[name]
-            pack = PACKED if packed and name in dataset.data_vars and one.size and one.ndim else {}
+            pack = (
+                PACKED if packed and name in dataset.data_vars and name not in loose and one.size and one.ndim else {}
+            )
             data = _write(file, name, one, pack)
             data.attrs.create(_DIMENSIONS, np.array([numbers[str(dim)] for dim in one.dims], dtype=np.int32))
             if name in numbers:

@@ -5,18 +5,20 @@ import warnings
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
-from mocap.io.csv_table import TO_THE_LAST_BIT
+from mocap.io.csv_table import to_the_last_bit
 from mocap.io.lines import LARGEST, number
 from mocap.records import Status
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 WORDS = np.array([origin.name.lower() for origin in Status])
 REPAIRED = "repaired"
@@ -57,7 +59,7 @@ def titles(path: Path) -> list[str]:
     return header
 
 
-def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
+def read_rows(path: Path, kinds: dict[str, type]) -> "pd.DataFrame":
     """The rows of a CSV file.
 
     Args:
@@ -67,6 +69,8 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
     Raises:
         FormatError: it is cut or empty, or holds a cell that is no finite number.
     """
+    import pandas as pd
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row longer than the header
@@ -77,7 +81,7 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
                 keep_default_na=False,
                 encoding="utf-8-sig",
                 index_col=False,
-                **TO_THE_LAST_BIT,
+                **to_the_last_bit(),
             )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # UnicodeDecodeError is a ValueError
         trouble = _bad_cell(path, kinds) or " ".join(str(error).split())[:200]

@@ -6,10 +6,9 @@ Pixels: ``frame, t_s, marker, camera, u_px, v_px, score, seen``. ``t_s``, ``sd``
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from mocap.documents import from_json
 from mocap.errors import FormatError
@@ -22,14 +21,19 @@ from mocap.io.optical import rate_of_times
 from mocap.io.tables import WORDS, check_origins, codes, read_rows, titles, with_sd
 from mocap.schema import POSITIVE, Entry, checked
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _META = b"eal-mocap"
 _NAMES = ("marker", "camera")
 _TEXT = (*_NAMES, "origin", "seen")
 _AXES = {("u_px", "v_px"): "px", ("x_m", "y_m", "z_m"): "m", ("x", "y", "z"): None}
 
 
-def _long(path: Path, recording: FileContents) -> pd.DataFrame:
+def _long(path: Path, recording: FileContents) -> "pd.DataFrame":
     """The rows of a recording: its points, or its pixels where it has no points."""
+    import pandas as pd
+
     pixels = recording.pixels if recording.points is None else None
     tracks = pixels if pixels is not None else points_of(path, recording)
     cameras = [""] if pixels is None else list(pixels.cameras)
@@ -52,7 +56,7 @@ def _long(path: Path, recording: FileContents) -> pd.DataFrame:
     return pd.DataFrame(table | {"origin": WORDS[points.status].ravel()})
 
 
-def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) -> FileContents:
+def _recording(path: Path, format: str, table: "pd.DataFrame", fps: float | None) -> FileContents:
     """A recording from rows, which must be the whole grid of frames, markers and cameras, sorted.
 
     Raises:

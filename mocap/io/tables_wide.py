@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from mocap.errors import FormatError
 from mocap.io.cells import as_cells, as_workbook_cell, from_cell
@@ -86,6 +85,8 @@ def _write(path: Path, recording: FileContents) -> None:
 
 
 def _write_columns(path: Path, columns: dict[str, Any]) -> None:
+    import pandas as pd
+
     table = pd.DataFrame(columns)
     if path.suffix.lower() == ".xlsx":
         write_sheet(path, [as_workbook_cell(title) for title in columns], table.itertuples(index=False))

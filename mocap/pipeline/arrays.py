@@ -185,6 +185,8 @@ def _numbers(given: Any, argument: str, shape: tuple[int | None, ...], expected:
         FormatError: they are not; the message says what came.
     """
     try:
+        if np.iscomplexobj(given):
+            raise TypeError
         values = np.ma.filled(np.ma.array(given, dtype=np.float64), np.nan)
     except (TypeError, ValueError):
         raise FormatError(f"`{argument}` is {type(given).__name__}, expected ({expected}) numbers") from None

@@ -28,22 +28,23 @@ from mocap.filters.velocities import Asked
 from mocap.findings import Finding
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.job import JOINT_HZ, run_of, whole_frames
+from mocap.pipeline.job import JOINT_HZ, whole_frames
 from mocap.pipeline.long import LongRecording, Mask
 from mocap.pipeline.moving import motion_of
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.track_variables import with_joints
 from mocap.pipeline.tracking import (
     Part,
     marker_trial,
     seen_part,
     track,
     track_learned,
-    tracked_motion,
+    tracks_alone,
     why_no_pose,
+    with_track,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import marker_tracks, tracks_alone
+from mocap.records import marker_tracks
 from mocap.side_by_side import call_all
 from mocap.stages import Stages
 
@@ -185,7 +186,7 @@ def _choice(model: Model, reason: str | None, learned: LearnedModel | None) -> t
     return "constant_velocity", "it fills gaps hidden in stretches of this recording better than the mixture"
 
 
-def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Run, slice, tuple[Finding, ...]]:
+def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Recording, slice, tuple[Finding, ...]]:
     """Track one block with its margins.
 
     Args:
@@ -216,10 +217,9 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
         name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked).markers
     else:
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
-    tracked = tracked_motion(prepared, part, name, smoothed)
-    motion = motion_of(tracked.markers, part.frames, smoothed.rates, asked)
-    joints = joint_tracks(tracked.markers, recording.skeleton, whole_frames(prepared, JOINT_HZ))
-    return run_of(prepared, tracked, motion, joints), own, prepared.findings
+    tracked = with_track(prepared, part, name, smoothed, asked)
+    joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(prepared, JOINT_HZ))
+    return replace(tracked, data=with_joints(tracked.data, joints)), own, prepared.findings
 
 
 def _steady(prepared: Recording, part: Part, known: Known, asked: Asked) -> Estimate:
@@ -235,24 +235,19 @@ def _steady(prepared: Recording, part: Part, known: Known, asked: Asked) -> Esti
     return track(prepared, part, FittedMotion(motion, prepared.t_s[part.frames]), asked=asked)
 
 
-def _nothing(recording: LongRecording, window: slice, known: Known, asked: Asked) -> Run:
+def _nothing(recording: LongRecording, window: slice, known: Known, asked: Asked) -> Recording:
     """A stretch in which nothing is seen."""
     t_s = recording.t_s[window]
     markers = marker_tracks(recording.names, t_s, np.full((len(t_s), len(recording.names), 3), np.nan))
     still = BodyFrames(rotation=np.repeat(np.eye(3)[None], len(t_s), axis=0), position_m=np.zeros((len(t_s), 3)))
-    return Run(
-        name=recording.name,
-        skeleton=recording.skeleton,
-        tracked=tracks_alone(markers, known.name),
-        motion=motion_of(markers, slice(0, 0), None, asked),
-        joints=joint_tracks(markers, recording.skeleton, still),
-        repaired=np.zeros(markers.status.shape, dtype=bool),
-    )
+    motion = motion_of(markers, slice(0, 0), None, asked)
+    found = tracks_alone(of_points(markers, recording.skeleton, name=recording.name), known.name, motion)
+    return replace(found, data=with_joints(found.data, joint_tracks(markers, recording.skeleton, still)))
 
 
 def tracked_blocks(
     recording: LongRecording, known: Known, *, size: int = BLOCK, stages: Stages | None = None
-) -> Iterator[tuple[range, Run, slice, tuple[Finding, ...]]]:
+) -> Iterator[tuple[range, Recording, slice, tuple[Finding, ...]]]:
     """All blocks, one after the other: the frames of each, then as ``track_block`` returns them."""
     stages = stages or Stages()
     blocks = blocks_of(recording.n_frames, size)

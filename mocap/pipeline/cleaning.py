@@ -174,7 +174,7 @@ def _film(recording: Recording, first: int) -> Recording:
             *sentences.likelihood_findings(likely, film.score is not None, int(unlikely.sum()), int(unsure.sum())),
             *sentences.camera_findings(health, cameras, first=first),
             *sentences.never_seen(xyz, names),
-            *sentences.never_together(xyz, names),
+            *sentences.never_together(xyz),
             *sentences.exchange_findings(swaps, doubtful, names, cameras, clicks=clicks, first=first),
             *sentences.rejected("rays_miss", lost),
             *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
@@ -225,7 +225,7 @@ def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Record
             *sentences.exchange_findings(named.swaps, named.unsure, names, (), first=first),
             *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
             *sentences.never_seen(xyz, names, plane),
-            *sentences.never_together(xyz, names),
+            *sentences.never_together(xyz),
         ),
     )
 

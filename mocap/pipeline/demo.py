@@ -16,21 +16,20 @@ from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
-from mocap.pipeline.run import Run
-from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
+from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
 from mocap.stages import Stages
 
 Animal = Literal["bat", "lizard"]
 
 
-def run_demo(animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None) -> Run:
+def run_demo(animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None) -> Recording:
     """The run alone; see ``measured_demo``."""
     return measured_demo(animal, stages=stages, seed=seed, n_frames=n_frames)[0]
 
 
 def measured_demo(
     animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None
-) -> tuple[Run, Recording, Array]:
+) -> tuple[Recording, Recording, Array]:
     """Make the recording, write it as DLTdv files, run the main job on those files, and compare with the truth.
 
     The report's ``gaps`` holds the error inside the recording's own gaps for the tracker and for what people use today,
@@ -65,8 +64,8 @@ def measured_demo(
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
         model = learn_motion(prepared, part, "constant_velocity")
-        other = tracked_motion(prepared, part, model.motion.name, track(prepared, part, model, progress=progress))
-        methods = {"mixture": run.tracked.markers, "constant_velocity": other.markers}
+        other = with_track(prepared, part, model.motion.name, track(prepared, part, model, progress=progress))
+        methods = {"mixture": run.tracks, "constant_velocity": other.tracks}
         gaps = {name: compared(m.xyz_m, m.cov_m2, truth, where).as_json() for name, m in methods.items()}
         for kind in ("cubic", "linear"):
             filled = interpolated(prepared.xyz_m, prepared.t_s, kind=kind)

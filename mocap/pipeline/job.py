@@ -19,19 +19,18 @@ from mocap.filters.models.base import FittedMotion
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
-from mocap.filters.records import Estimate, HeldLimb
+from mocap.filters.records import Estimate
 from mocap.filters.size import size_factor
-from mocap.filters.velocities import Asked, Motion
+from mocap.filters.velocities import Asked
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.moving import motion_of
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
-from mocap.pipeline.run import Run
+from mocap.pipeline.track_variables import with_angles, with_joints, with_limbs
 from mocap.pipeline.tracking import (
     HiddenSamples,
     Part,
@@ -45,12 +44,11 @@ from mocap.pipeline.tracking import (
     track,
     track_learned,
     track_mixed,
-    tracked_motion,
     trunk_frames,
     why_no_pose,
+    with_track,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import JointTracks, PixelTracks, TrackedMotion
 from mocap.side_by_side import Begun, begin
 from mocap.stages import Stages
 
@@ -82,7 +80,7 @@ def run_job(
     validated: bool = True,
     seed: int = 0,
     watch: Watch | None = None,
-) -> tuple[Run, Recording]:
+) -> tuple[Recording, Recording]:
     """Track a recording.
 
     Args:
@@ -96,7 +94,7 @@ def run_job(
         watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
-        The run, and the cleaned recording that it rests on.
+        The recording as it was tracked, and as it was cleaned.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
@@ -136,13 +134,13 @@ def run_job(
             with stages.stage("track") as progress:
                 smoothed = track(recording, part, own, asked=asked, progress=progress)
         told = {"why": why, "scores": scores, "hidden": 0 if hidden is None else hidden.count}
-        return _finished(source, recording, part, name, smoothed, asked, stages=stages, own=own, **told)
+        return _finished(recording, part, name, smoothed, asked, stages=stages, own=own, **told)
 
 
-def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Run, Recording]:
+def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Recording, Recording]:
     with stages.stage("track one camera") as progress:
         one = track_one_camera(source, learned, progress=progress)
-    return _finished(source, one.recording, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
+    return _finished(one.recording, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
 
 
 def _prepared(
@@ -190,7 +188,6 @@ def _mixed(
 
 
 def _finished(
-    source: Recording,
     recording: Recording,
     part: Part,
     name: str,
@@ -202,18 +199,18 @@ def _finished(
     own: FittedMotion | None = None,
     scores: Mapping[str, Mapping[str, float | None]] | None = None,
     hidden: int = 0,
-) -> tuple[Run, Recording]:
-    """The run of a recording that was tracked: with joints, potentials and a report."""
-    tracked = tracked_motion(recording, part, name, smoothed)
+) -> tuple[Recording, Recording]:
+    """The recording as it was tracked, with joints, potentials and a report; and as it was cleaned."""
+    tracked = with_track(recording, part, name, smoothed, asked)
+    markers, skeleton = tracked.tracks, recording.skeleton
     with stages.stage("joints and potentials"):
         axes = whole_frames(recording, JOINT_HZ)
-        joints = joint_tracks(tracked.markers, recording.skeleton, axes)
-        known = np.isfinite(recording.xyz_m[..., 0])
-        seen_m = np.where(known[..., None], tracked.markers.xyz_m, np.nan)
-        build = {"trunk": recording.skeleton.trunk, "bones": recording.skeleton.rigid}
-        joined = articulation(recording.names, seen_m, tracked.markers.sd_m, axes.rotation, **build)
-        potentials = joint_potentials(joints[FRAME], tracked.markers, recording.skeleton)
-        spatial = joint_potentials(joints[SPACE], tracked.markers, recording.skeleton)
+        joints = joint_tracks(markers, skeleton, axes)
+        seen_m = np.where(np.isfinite(recording.xyz_m[..., :1]), markers.xyz_m, np.nan)
+        build = {"trunk": skeleton.trunk, "bones": skeleton.rigid}
+        joined = articulation(recording.names, seen_m, markers.sd_m, axes.rotation, **build)
+        potentials = joint_potentials(joints[FRAME], markers, skeleton)
+        spatial = joint_potentials(joints[SPACE], markers, skeleton)
     report = make_report(
         recording,
         part,
@@ -225,40 +222,18 @@ def _finished(
         seconds=stages.seconds,
         articulated=joined,
     )
-    run = replace(
-        run_of(recording, tracked, motion_of(tracked.markers, part.frames, smoothed.rates, asked), joints),
+    frames = _frames_of(len(recording.t_s), part)
+    data = with_limbs(with_joints(tracked.data, joints), [at_frames(limb, frames) for limb in smoothed.held])
+    angles = _angles(smoothed, own, recording, part)
+    tracked = replace(
+        tracked,
+        data=data if angles is None else with_angles(data, at_frames(angles, frames)),
         potentials=potentials,
         spatial_potentials=spatial,
         report=report,
         report_text=readable(report, title=recording.name),
-        file=source.file,
-        angles=_angles(smoothed, own, recording, part),
-        limbs=_held(smoothed.held, len(recording.t_s), part),
     )
-    return run, recording
-
-
-def run_of(recording: Recording, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
-    """A recording with what was tracked of it: without potentials and a report."""
-    return Run(
-        name=recording.name,
-        skeleton=recording.skeleton,
-        cameras=recording.cameras,
-        ideal_px=_ideal(recording),
-        y_up=recording.rows is not None and recording.rows.coefficients == "lower-left",
-        tracked=tracked,
-        motion=motion,
-        joints=joints,
-        repaired=np.any(list(recording.repaired.values()), axis=0),
-        plane=recording.plane,
-    )
-
-
-def _ideal(recording: Recording) -> PixelTracks | None:
-    if not recording.cameras:
-        return None
-    cameras = recording.camera_names
-    return PixelTracks(names=recording.names, cameras=cameras, t_s=recording.t_s, uv_px=recording.ideal_px)
+    return tracked, recording
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
@@ -268,20 +243,15 @@ def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
     return index
 
 
-def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldLimb, ...]:
-    """Limbs over all frames of the recording."""
-    return tuple(at_frames(limb, _frames_of(n_frames, part)) for limb in limbs)
-
-
 def _angles(smoothed: Estimate, model: FittedMotion | None, recording: Recording, part: Part) -> JointAngles | None:
-    """Joint angles over all frames of the recording, where they are the state."""
+    """Joint angles of the tracked part, where they are the state."""
     found, energies = smoothed.angles, smoothed.energies
     if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
         return None
     motion, names = model.motion, part_names(recording, part)
     ends = [(names[a], names[b]) for a, b in motion.ends]
     freedoms = np.bincount(motion.tree.joint, minlength=len(ends)).tolist()
-    angles = JointAngles(
+    return JointAngles(
         names=angle_names(ends, freedoms),
         angle_rad=found[0],
         sd_rad=found[1],
@@ -290,7 +260,6 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, recording: Recording
         length_sd_m=motion.length_sd_m,
         energies=np.zeros((found.shape[1], 0)) if energies is None else energies,
     )
-    return at_frames(angles, _frames_of(len(recording.t_s), part))
 
 
 def whole_frames(recording: Recording, cutoff_hz: float) -> BodyFrames:

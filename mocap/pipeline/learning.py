@@ -24,6 +24,7 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
+from mocap.text import number_of
 
 MOST_FRAMES = 20_000
 """Of all recordings together: no more teaches anything that could be measured (docs/experiments/batch_cost.md), and
@@ -67,7 +68,7 @@ class Model:
     def __repr__(self) -> str:
         """One line."""
         trials = ", ".join(trial.name for trial in self.learned.trials)
-        return f"<Model of {len(self.learned.names)} markers, learned from {trials}>"
+        return f"<Model of {number_of(len(self.learned.names), 'marker')}, learned from {trials}>"
 
     @property
     def report_text(self) -> str:

@@ -5,8 +5,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.findings import Finding
 from mocap.pipeline import sentences
+from mocap.pipeline.parts import Plane
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.run import Plane, Run
 from mocap.records import MarkerTracks, marker_tracks
 from mocap.skeleton import Measures
 
@@ -33,7 +33,7 @@ def in_plane(source: Recording) -> tuple[MarkerTracks, Plane, tuple[Finding, ...
     return tracks, plane, told
 
 
-def in_units(run: Run, plane: Plane) -> tuple[Array, Array]:
+def in_units(run: Recording, plane: Plane) -> tuple[Array, Array]:
     """(T, M, 2) positions and (T, M, 2, 2) covariances in the unit of the plane."""
-    markers = run.tracked.markers
+    markers = run.tracks
     return plane.per_m * markers.xyz_m[..., :2], plane.per_m**2 * markers.cov_m2[..., :2, :2]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from eal import choose, fit_potential
 from eal.arrays import Array
-from mocap.pipeline.run import JointPotential
+from mocap.pipeline.parts import JointPotential
 from mocap.records import JointTracks, MarkerTracks, Status
 from mocap.skeleton import Skeleton
 

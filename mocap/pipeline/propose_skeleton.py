@@ -25,7 +25,7 @@ from mocap.pipeline.propose_measures import proposed_measures
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
 from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
-from mocap.text import file_names
+from mocap.text import file_names, number_of
 
 RIGID = 0.05
 """Largest variation of a rigid bone relative to its length, as where models look for bones (``filters.bones``)."""
@@ -110,7 +110,8 @@ def _proposal(
     stated: Mapping[str, Mapping[str, Array]],
 ) -> Proposal:
     if len(names) < 2:
-        raise MocapError(f"{trial.name}: shows {len(names)} markers; a skeleton needs at least two, and joints three")
+        shown = number_of(len(names), "marker")
+        raise MocapError(f"{trial.name}: shows {shown}; a skeleton needs at least two, and joints three")
     kept = kept_distances(trial)
     stated = {name: own for name, own in stated.items() if len(own) >= 3}
     places: dict[str, Places] = {

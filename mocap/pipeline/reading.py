@@ -89,7 +89,9 @@ def read(
     numbers = {"fps": fps, "pixel_sd": pixel_sd, "image_height_px": image_height_px, "mm_per_px": mm_per_px}
     for name, number in numbers.items():
         check_stated(name, number)
-    files, crops = _paths("tracks", tracks) or (Path(),), _paths("crop", crop)
+    files, crops = _paths("tracks", tracks), _paths("crop", crop)
+    if not files:
+        raise MocapError(f"`tracks` is {tracks!r}, expected a file, or several")
     beside = {"calibration": calibration, "profile": profile, "stored_points": stored_points}
     rig, lenses, points = (None if path is None else _path(what, path) for what, path in beside.items())
     cameras_of = {"profile": profile, "origin": origin, "calibration_origin": calibration_origin}

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import get_args
@@ -12,23 +13,28 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.over_time import at_frames
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.cleaning.camera_health import BadTime
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
-from mocap.cleaning.swaps import Swap, exchanged_samples
+from mocap.cleaning.swaps import Swap
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
+from mocap.filters.records import HeldLimb
+from mocap.filters.velocities import Motion
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
+from mocap.joint_angles import JointAngles
 from mocap.pipeline import sentences
-from mocap.pipeline.run import Plane
-from mocap.pipeline.variables import Values, dataset, with_reasons, with_variables
-from mocap.records import MarkerTracks, PixelTracks
+from mocap.pipeline.parts import Footage, JointPotential, Plane
+from mocap.pipeline.track_variables import angles_of_data, joints_of_data, limbs_of_data, motion_of_data
+from mocap.pipeline.variables import VARIABLES, Values, dataset, with_reasons, with_variables
+from mocap.records import JointTracks, MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton
 from mocap.stated import check_stated
 
@@ -38,7 +44,7 @@ WIDE = 0.05
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Recording:
-    """A recording, from ``mocap.read`` and ``mocap.from_arrays`` on; ``mocap.clean`` gives the same with more in it.
+    """A recording, from ``mocap.read`` and ``mocap.from_arrays`` on; ``mocap.clean`` and ``mocap.track`` add to it.
 
     What is known at each time is in ``data``, whose variables are declared in ``mocap.pipeline.variables``; properties
     give them as plain arrays. T frames, M markers, C cameras.
@@ -80,6 +86,12 @@ class Recording:
         swaps: Runs of frames in which two markers bore each other's names; undone.
         stale: Stored positions that do not follow from the pixels; None where there was no file to compare.
         audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
+        potentials: One empirical potential a joint, by joint name, in the planes of its limb.
+        spatial_potentials: The same in three coordinates in the body.
+        report: What ``report.json`` holds, of one that was tracked.
+        report_text: The same as markdown.
+        footage: The movie of each camera; empty where none were given.
+        folder: Where it was saved or loaded from; None: nowhere yet.
     """
 
     name: str
@@ -115,6 +127,12 @@ class Recording:
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = None
     audited: tuple[Finding, ...] = ()
+    potentials: Mapping[str, JointPotential] = field(default_factory=dict)
+    spatial_potentials: Mapping[str, JointPotential] = field(default_factory=dict)
+    report: Mapping[str, object] = field(default_factory=dict)
+    report_text: str = ""
+    footage: tuple[Footage, ...] = ()
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -141,6 +159,16 @@ class Recording:
     def t_s(self) -> Array:
         """(T,) times in seconds."""
         return self.data["time"].values
+
+    def values(self, name: str) -> Values:
+        """A variable as a plain array.
+
+        Raises:
+            MocapError: it is not known yet.
+        """
+        if name not in self.data:
+            raise MocapError(f"{self.name}: {name} is not known before mocap.{VARIABLES[name].since}")
+        return self.data[name].values
 
     @property
     def dt_s(self) -> float:
@@ -188,8 +216,11 @@ class Recording:
     @property
     def points(self) -> MarkerTracks | None:
         """Positions of a file, or of the pixels since ``clean``; None: not known yet."""
-        if "position" not in self.data:
-            return None
+        return self.tracks if "position" in self.data else None
+
+    @cached_property
+    def tracks(self) -> MarkerTracks:
+        """Positions with covariance and status, of a file, cleaned, or (since ``track``) smoothed."""
         status = self.data["status"].values
         return MarkerTracks(names=self.names, t_s=self.t_s, xyz_m=self.xyz_m, cov_m2=self.cov_m2, status=status)
 
@@ -206,18 +237,21 @@ class Recording:
 
     @property
     def xyz_m(self) -> Array:
-        """(T, M, 3) positions; since ``clean`` of believed samples, corrected for slow ray errors, NaN else."""
-        return self.data["position"].values
+        """(T, M, 3) positions; since ``clean`` of believed samples, corrected for slow ray errors, NaN else.
+
+        Since ``track`` those that were smoothed.
+        """
+        return self.values("position")
 
     @property
     def cov_m2(self) -> Array:
         """(T, M, 3, 3) covariance of positions, since ``clean`` of their jitter."""
-        return self.data["covariance"].values
+        return self.values("covariance")
 
     @property
     def ideal_px(self) -> Array:
         """(C, T, M, 2) undistorted pixels in the convention of the coefficients."""
-        return self.data["ideal"].values
+        return self.values("ideal")
 
     @property
     def late_frames(self) -> Array | None:
@@ -265,12 +299,12 @@ class Recording:
     @property
     def max_speed_m_s(self) -> Array:
         """(M,) speed limits that jumps were judged by."""
-        return self.data["most_speed"].values
+        return self.values("most_speed")
 
     @property
     def camera_factor(self) -> Array:
         """(C, T) 1 or more: how much worse a camera is than in its good time (``mocap.cleaning.camera_health``)."""
-        return self.data["camera_factor"].values
+        return self.values("camera_factor")
 
     @property
     def lens_cov_m2(self) -> Array | None:
@@ -285,10 +319,74 @@ class Recording:
         return dict(zip(self.data["reason"].values.tolist(), self.data["rejected"].values, strict=True))
 
     @property
-    def repaired(self) -> dict[str, NDArray[np.bool_]]:
-        """(T, M) samples whose name was corrected, by the keys of ``mocap.cleaning.swaps.REPAIRS``."""
-        n_frames, n_markers = self.xyz_m.shape[:2]
-        return exchanged_samples((n_frames, n_markers), self.swaps)
+    def tracked(self) -> bool:
+        """Whether ``track`` has made it; all that follows is known only then."""
+        return "model" in self.data.attrs
+
+    @property
+    def model(self) -> str:
+        """Name of the motion model."""
+        return self.data.attrs["model"]
+
+    @property
+    def y_up(self) -> bool:
+        """Whether the pixel y axis of the file points up (lower-left origin)."""
+        return bool(self.data.attrs.get("y_up", False))
+
+    @property
+    def reprojected_px(self) -> Array:
+        """(C, T, M, 2) ideal pixels of the smoothed positions; C = 0 where only positions were tracked."""
+        return self._of_rays("reprojected", 2)
+
+    @property
+    def innovation_px(self) -> Array:
+        """(C, T, M, 2) measured minus predicted ideal pixel, before the update; NaN where nothing was seen."""
+        return self._of_rays("innovation", 2)
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """(C, T, M) True where a pixel took part in the estimate."""
+        return self._of_rays("used").astype(bool)
+
+    @property
+    def nis(self) -> Array:
+        """(T,) normalised innovation squared of each frame; NaN without rows."""
+        return self.values("nis")
+
+    @property
+    def n_rows(self) -> NDArray[np.int64]:
+        """(T,) scalar observations used in each frame."""
+        return self.values("n_rows")
+
+    @property
+    def log_likelihood(self) -> Array:
+        """(T,) log density of each frame's observations given those before."""
+        return self.values("log_likelihood")
+
+    @property
+    def repaired(self) -> NDArray[np.bool_]:
+        """(T, M) samples that bore another marker's name in the file."""
+        return self.values("repaired")
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Markers, the body and the centre of mass, with velocities and joint covariances."""
+        return motion_of_data(self.data)
+
+    @cached_property
+    def joint_tracks(self) -> dict[str, JointTracks]:
+        """Joints by frame of reference (``mocap.joints``)."""
+        return joints_of_data(self.data)
+
+    @property
+    def angles(self) -> JointAngles | None:
+        """Joint angles that were the filter's state; None: they were not."""
+        return angles_of_data(self.data)
+
+    @property
+    def limbs(self) -> tuple[HeldLimb, ...]:
+        """Potentials of limbs that held the pose."""
+        return limbs_of_data(self.data)
 
     @property
     def camera_sd_px(self) -> Array:
@@ -310,7 +408,9 @@ class Recording:
 
     def at(self, frames: slice) -> "Recording":
         """Some of its frames."""
-        return replace(self, data=self.data.isel(time=frames))
+        return replace(
+            self, data=self.data.isel(time=frames), footage=tuple(at_frames(f, frames) for f in self.footage)
+        )
 
     def in_space(self, what: str) -> "Recording":
         """The same, refused where it is of one film.

@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
-from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
+from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.models.pose import BETA, LAM, WEIGHT
 from mocap.findings import alarms
@@ -17,12 +17,13 @@ from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
 from mocap.pipeline import sentences
 from mocap.pipeline.moved import MOVED, moved_report
+from mocap.pipeline.parts import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
-from mocap.pipeline.run import JointPotential
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
 from mocap.pipeline.tracking import Part, lasting_cov
-from mocap.records import Status, TrackedMotion
+from mocap.records import Status
+from mocap.text import number_of
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
@@ -30,7 +31,7 @@ QUANTILES = (0.5, 0.9, 0.99, 1.0)
 def make_report(
     recording: Recording,
     part: Part,
-    tracked: TrackedMotion,
+    tracked: Recording,
     potentials: Mapping[str, JointPotential],
     *,
     why_model: str,
@@ -46,7 +47,7 @@ def make_report(
     found = [*recording.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
     if not potentials and recording.plane is None and (recording.skeleton.joints or not recording.skeleton.body_joints):
         found.append(sentences.no_joints(recording.skeleton))
-    origin = tracked.markers.status
+    origin = tracked.tracks.status
     total = origin.size
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
@@ -71,11 +72,11 @@ def make_report(
         "filled": int(np.isin(origin, [Status.SMOOTHED, Status.INTERPOLATED]).sum()),
         "extrapolated": int((origin == Status.PREDICTED).sum()),
         "sd_mm": {
-            "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.MEASURED]),
-            "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.SMOOTHED]),
+            "measured": _quantiles(1e3 * tracked.tracks.sd_m[origin == Status.MEASURED]),
+            "filled": _quantiles(1e3 * tracked.tracks.sd_m[origin == Status.SMOOTHED]),
             "repeatability": _quantiles(1e3 * _repeatability_m(recording, tracked)[origin == Status.MEASURED]),
         },
-        "moved": moved_report(recording, tracked.markers),
+        "moved": moved_report(recording, tracked.tracks),
         "residual_px": _quantiles(recording.residual_px),
         "residual_px_by_camera": residuals_by_camera(recording),
         "pixel_noise_px": {"jitter": _number(recording.jitter_px), "slow": recording.bias_px},
@@ -97,7 +98,10 @@ def make_report(
         },
         "bad_cameras": _bad_cameras(recording),
         "repaired": {
-            "counts": {reason: int(mask.sum()) for reason, mask in recording.repaired.items()},
+            "counts": {
+                reason: int(mask.sum())
+                for reason, mask in exchanged_samples(recording.xyz_m.shape[:2], recording.swaps).items()
+            },
             "reasons": REPAIRS,
             "runs": _exchanged(recording),
         },
@@ -146,19 +150,19 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _gated(recording: Recording, tracked: TrackedMotion) -> int:
+def _gated(recording: Recording, tracked: Recording) -> int:
     """Single-camera observations that the filter rejected."""
     return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(recording.uv_px) else 0
 
 
-def _moved_far(recording: Recording, tracked: TrackedMotion) -> int:
+def _moved_far(recording: Recording, tracked: Recording) -> int:
     """Samples that the track lies too far from to be called measured."""
-    return int(cast(int, moved_report(recording, tracked.markers)["beyond_3_sd"]))
+    return int(cast(int, moved_report(recording, tracked.tracks)["beyond_3_sd"]))
 
 
-def _repeatability_m(recording: Recording, tracked: TrackedMotion) -> Array:
+def _repeatability_m(recording: Recording, tracked: Recording) -> Array:
     """(T, M) standard deviation of a coordinate without errors that last."""
-    cov = tracked.markers.cov_m2 - lasting_cov(recording)
+    cov = tracked.tracks.cov_m2 - lasting_cov(recording)
     return np.sqrt(np.maximum(np.trace(cov, axis1=-2, axis2=-1) / 3, 0.0))
 
 
@@ -212,7 +216,7 @@ def _exchanged(recording: Recording) -> list[dict[str, object]]:
     ]
 
 
-def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
+def _consistency(tracked: Recording) -> dict[str, float | None]:
     """Mean normalised innovation squared per observation, and the share of frames inside the 95 % band of chi-square.
 
     A consistent filter has 1; observations whose errors follow Student's t count by their weights.
@@ -289,11 +293,12 @@ def readable(report: Mapping, *, title: str) -> str:
     inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
     within = {name: report["samples"][name] / inside for name in ("measured", "smoothed", "predicted", "rejected")}
     unit, film = unit_of(report), "plane" in report
-    cameras = "one film" if film else f"{len(report['cameras'])} cameras"
+    cameras = "one film" if film else number_of(len(report["cameras"]), "camera")
     lines = [
         f"# {plain(title)}",
         "",
-        f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
+        f"{number_of(report['frames'], 'frame')} at {report['fps']:g} per second, "
+        f"{number_of(len(report['markers']), 'marker')}, "
         f"{cameras}; tracked from frame {first} to {last}.",
         f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
         *(["", f"**{plain(report['assumed_unit'])}**"] if report.get("assumed_unit") else []),

@@ -18,7 +18,7 @@ from mocap.cleaning.clean import REASONS
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
 from mocap.cleaning.swaps import DOUBTFUL, Swap
 from mocap.findings import Finding
-from mocap.pipeline.run import Plane
+from mocap.pipeline.parts import Plane
 from mocap.skeleton import Skeleton
 
 TOGETHER = 0.6
@@ -190,14 +190,18 @@ def unknown_corner(corner: str) -> Finding:
     return Finding(kind="pixel origin", text=text)
 
 
-def never_together(xyz_m: Array, names: Sequence[str]) -> list[Finding]:
-    """Points (T, M, 3) of which no frame shows as many as a pose needs: they may be of several animals."""
+def never_together(xyz_m: Array) -> list[Finding]:
+    """Points (T, M, 3) of which no frame shows as many as a pose needs: they may be of several animals.
+
+    Points that are never seen are not counted: they are named by themselves.
+    """
     seen = np.isfinite(xyz_m[..., 0])
-    if len(names) < 4 or (seen.mean(axis=1) >= TOGETHER).any():
+    seen = seen[:, seen.any(axis=0)]
+    if seen.shape[1] < 4 or (seen.mean(axis=1) >= TOGETHER).any():
         return []
     most = int(seen.sum(axis=1).max())
     text = (
-        f"no frame shows more than {most} of the {len(names)} points: if they are separate animals, track each by "
+        f"no frame shows more than {most} of the {seen.shape[1]} points: if they are separate animals, track each by "
         "itself; lengths, poses and the path of the body mean nothing of all of them"
     )
     return [Finding(kind="never together", alarm=True, text=text, numbers={"most": most})]

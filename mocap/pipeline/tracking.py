@@ -1,7 +1,7 @@
 """Learn motion models from a recording that was cleaned, track with them, and measure how they fill hidden samples."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
+from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.hide import excerpt, hide_neighbours, hide_own
@@ -33,13 +34,16 @@ from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.score import compared
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import Asked, Motion
+from mocap.kinematics.points import asked_for
 from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moved import moved
+from mocap.pipeline.moving import motion_of
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.sentences import TOGETHER
-from mocap.records import MarkerTracks, Status, TrackedMotion
+from mocap.pipeline.track_variables import with_motion
+from mocap.records import Status
 from mocap.side_by_side import call_all
 
 Progress = Callable[[float], None]
@@ -198,8 +202,10 @@ def track(
     return model.fill(observations, asked=points, progress=progress)
 
 
-def tracked_motion(recording: Recording, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:
-    """The smoothed part in the frames and markers of the recording, every sample with its origin.
+def with_track(
+    recording: Recording, part: Part, name: str, smoothed: Estimate, asked: Asked | None = None
+) -> Recording:
+    """The recording with the smoothed part in place of what was cleaned, every sample with its status.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
     twentieth of the extent of all motion.
@@ -228,24 +234,40 @@ def tracked_motion(recording: Recording, part: Part, name: str, smoothed: Estima
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
     xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Status.MISSING
-    outside = np.full(n_frames, np.nan)
-    nis, likelihood, rows_used = outside.copy(), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
+    nis, likelihood, rows_used = np.full(n_frames, np.nan), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
     nis[part.frames] = [seen.nis for seen in smoothed.observed]
     rows_used[part.frames] = [seen.n_rows for seen in smoothed.observed]
     likelihood[part.frames] = smoothed.log_likelihood
-    reprojected = np.zeros((0, n_frames, n_markers, 2))
+    rays = {}
     if recording.cameras:
-        reprojected = project(recording.matrices, xyz)
-    return TrackedMotion(
-        model=name,
-        markers=MarkerTracks(names=recording.names, t_s=recording.t_s, xyz_m=xyz, cov_m2=cov, status=origin),
-        reprojected_px=reprojected,
-        innovation_px=innovation,
-        used=used,
+        rays = {"innovation": innovation, "used": used, "reprojected": project(recording.matrices, xyz)}
+    repaired = np.any(list(exchanged_samples((n_frames, n_markers), recording.swaps).values()), axis=0)
+    found = recording.having(
+        position=xyz,
+        covariance=cov,
+        status=origin,
         nis=nis,
         n_rows=rows_used,
         log_likelihood=likelihood,
+        repaired=repaired,
+        **rays,
     )
+    asked = asked or asked_for(recording.names, recording.skeleton, n_frames=n_frames)
+    motion = motion_of(found.tracks, part.frames, smoothed.rates, asked)
+    y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
+    return replace(found, data=with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up)))
+
+
+def tracks_alone(recording: Recording, model: str, motion: Motion) -> Recording:
+    """Positions as if a model had tracked them, of whose pixels and innovations nothing is known."""
+    n_frames, n_markers = recording.xyz_m.shape[:2]
+    found = recording.having(
+        nis=np.full(n_frames, np.nan),
+        n_rows=np.zeros(n_frames, dtype=np.int64),
+        log_likelihood=np.zeros(n_frames),
+        repaired=np.zeros((n_frames, n_markers), dtype=bool),
+    )
+    return replace(found, data=with_motion(found.data, motion).assign_attrs(model=model))
 
 
 def _origins(recording: Recording, believed: Mask, estimated: Mask) -> NDArray[np.int8]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eal.arrays import Array
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.plots.kinematics import COLOURS, styled
 from mocap.records import Status
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 MEASURED, FILLED = COLOURS[0], COLOURS[1]
 
 
-def draw_animal(run: Run) -> "Figure":
+def draw_animal(run: Recording) -> "Figure":
     """Three phases of the motion, markers measured and filled, and the path of the body.
 
     The plane of the picture holds the animal's longest axis and the direction across it in which it moves most. Phases
@@ -27,7 +27,7 @@ def draw_animal(run: Run) -> "Figure":
 
     figure = Figure(figsize=(180 / 25.4, 62 / 25.4), layout="constrained")
     axes = figure.subplots(1, 4, width_ratios=(1, 1, 1, 0.9))
-    markers = run.tracked.markers
+    markers = run.tracks
     xyz, status = 1e3 * markers.xyz_m, markers.status
     frames, flat = _phases(xyz)
     for ax, frame, title in zip(axes, frames, ("one extreme", "half-way", "other extreme"), strict=False):
@@ -81,8 +81,8 @@ def _phases(xyz: Array) -> tuple[list[int], Array]:
     return [int(full[k]) for k in (np.argmin(first), middle, np.argmax(first))], body @ np.column_stack([long, up])
 
 
-def _draw(ax: "Axes", xy: Array, measured: np.ndarray, run: Run) -> None:
-    names = list(run.tracked.markers.names)
+def _draw(ax: "Axes", xy: Array, measured: np.ndarray, run: Recording) -> None:
+    names = list(run.names)
     for bone in run.skeleton.bones:
         a, b = names.index(bone.a), names.index(bone.b)
         ax.plot(*xy[[a, b]].T, color="0.6", linewidth=1.2, zorder=1)

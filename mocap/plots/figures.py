@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.plots import kinematics as plots
 from mocap.plots.animal import draw_animal
 from mocap.sides import TRUNK, side_of, words
@@ -36,7 +36,7 @@ class Picture:
     figure: "FigureBase"
 
 
-def pictures(run: Run, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None) -> Iterator[Picture]:
+def pictures(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None) -> Iterator[Picture]:
     """The figures of a run: those for which it has something to show."""
     yield Picture(
         name="animal",
@@ -93,18 +93,18 @@ def pictures(run: Run, found: Kinematics, rows: Sequence[Cycle], steps: Footfall
                 caption=f"Path of the {words(name)} in and out of its stroke plane, in axes of the trunk.",
                 figure=plots.plot_stroke_path(found, name, [row for row in rows if row.of == name]).figure,
             )
-    markers = run.tracked.markers
+    markers = run.tracks
     yield Picture(
         name="gaps",
         caption="Where markers were not measured, and what stands in their place.",
         figure=plots.plot_gaps(markers.names, markers.t_s, markers.status).figure,
     )
-    if run.ideal_px is not None and run.tracked.reprojected_px.size:
-        away = np.linalg.norm(run.ideal_px.uv_px - run.tracked.reprojected_px, axis=-1)
+    if run.cameras:
+        away = np.linalg.norm(run.ideal_px - run.reprojected_px, axis=-1)
         yield Picture(
             name="residuals",
             caption="Reprojection error of each camera.",
-            figure=plots.plot_residuals(run.ideal_px.cameras, away, run.tracked.used).figure,
+            figure=plots.plot_residuals(run.camera_names, away, run.used).figure,
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from mocap.errors import MocapError
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.plots import kinematics as plots
 from mocap.plots.animal import draw_animal
 
@@ -34,7 +34,7 @@ def shown(given: "Axes | None", ax: "Axes") -> "Axes":
 class Plots:
     """Figures of a tracked recording; every method draws on ``ax`` or on new axes, and returns them."""
 
-    run: Run
+    run: Recording
     kinematics: Kinematics
     rows: Sequence[Cycle]
     steps: Footfalls | None
@@ -109,7 +109,7 @@ class Plots:
 
     def gaps(self, ax: "Axes | None" = None) -> "Axes":
         """Where markers were filled, rejected or missing."""
-        markers = self.run.tracked.markers
+        markers = self.run.tracks
         return shown(ax, plots.plot_gaps(markers.names, markers.t_s, markers.status, ax=ax))
 
     def residuals(self, ax: "Axes | None" = None) -> "Axes":
@@ -118,7 +118,7 @@ class Plots:
         Raises:
             MocapError: the recording has no cameras.
         """
-        if self.run.ideal_px is None:
+        if not self.run.cameras:
             raise MocapError("there are no residuals: the recording was given as positions, without cameras")
-        away = np.linalg.norm(self.run.ideal_px.uv_px - self.run.tracked.reprojected_px, axis=-1)
-        return shown(ax, plots.plot_residuals(self.run.ideal_px.cameras, away, self.run.tracked.used, ax=ax))
+        away = np.linalg.norm(self.run.ideal_px - self.run.reprojected_px, axis=-1)
+        return shown(ax, plots.plot_residuals(self.run.camera_names, away, self.run.used, ax=ax))

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import Kinematics, Rests
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
 from mocap.plots.figures import Picture, drawn
 from mocap.plots.kinematics import UNITS, label
@@ -23,7 +23,7 @@ _MEANT = {"body_speed_m_s": "net body speed"}
 
 
 def report_page(
-    run: Run, found: Kinematics, rows: Sequence[Cycle], shown: Sequence[Picture], svg: Mapping[str, str]
+    run: Recording, found: Kinematics, rows: Sequence[Cycle], shown: Sequence[Picture], svg: Mapping[str, str]
 ) -> str:
     """The page: numbers, findings, tables and figures.
 
@@ -58,7 +58,7 @@ def report_page(
     )
 
 
-def tracked_html(run: Run) -> str:
+def tracked_html(run: Recording) -> str:
     """A run as a notebook shows it: the main numbers, the animal, what is wrong, and what to do next."""
     from mocap.plots.animal import draw_animal
 
@@ -82,10 +82,10 @@ def tracked_html(run: Run) -> str:
     )
 
 
-def _numbers(run: Run, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
+def _numbers(run: Recording, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
     """The main numbers of a run, and what they are; shares are of the tracked frames."""
     report: Mapping[str, Any] = run.report
-    status = run.tracked.markers.status
+    status = run.tracks.status
     status = status[(status != Status.MISSING).any(axis=1)]
     kinds = {"measured": (Status.MEASURED,), "filled": (Status.SMOOTHED, Status.INTERPOLATED)}
     kinds["extrapolated beyond a marker's first or last observation"] = (Status.PREDICTED,)
@@ -142,7 +142,7 @@ def _cycles(rows: Sequence[Cycle]) -> dict[str, Any] | None:
     return {"columns": [("limb", ""), ("n", ""), *map(_titled, columns)], "lines": lines}
 
 
-def _angles(run: Run, found: Kinematics) -> dict[str, Any] | None:
+def _angles(run: Recording, found: Kinematics) -> dict[str, Any] | None:
     """Flexion of each joint, rotations of joints of bodies, that which moves most first; None: there is none."""
     lines = []
     shown = [(words(joint.name), f"{joint.name}_flexion_deg") for joint in run.skeleton.joints]

@@ -8,7 +8,7 @@ import numpy as np
 
 from eal.arrays import Z95
 from mocap.pipeline.plane import in_units
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.plots.figures import Picture, write_pictures
 from mocap.plots.kinematics import COLOURS, new_axes, shade
 from mocap.records import Status
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def write_plane_figures(run: Run, folder: Path) -> None:
+def write_plane_figures(run: Recording, folder: Path) -> None:
     """Write ``figures/paths`` and a figure of each coordinate, PNG and SVG."""
     write_pictures(list(plane_pictures(run)), folder)
 
 
-def plane_pictures(run: Run) -> Iterator[Picture]:
+def plane_pictures(run: Recording) -> Iterator[Picture]:
     """Paths of all markers; x and y over time of the six that are seen most."""
     assert run.plane is not None
-    markers, (xy, cov) = run.tracked.markers, in_units(run, run.plane)
+    markers, (xy, cov) = run.tracks, in_units(run, run.plane)
     unit, filled = run.plane.unit, np.isin(markers.status, (Status.SMOOTHED, Status.PREDICTED))
     yield Picture(
         name="paths",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.records import PixelTracks, TrackedMotion
+from mocap.pipeline.recording import Recording
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -24,13 +24,12 @@ class CameraErrors:
     residual_px: Array
 
 
-def camera_errors(tracked: TrackedMotion, pixels: PixelTracks) -> CameraErrors:
+def camera_errors(run: Recording) -> CameraErrors:
     """The errors of the samples in use."""
-    residual = pixels.uv_px - tracked.reprojected_px
     return CameraErrors(
-        cameras=pixels.cameras,
-        innovation_px=rms_px(tracked.innovation_px, tracked.used),
-        residual_px=rms_px(residual, tracked.used),
+        cameras=run.camera_names,
+        innovation_px=rms_px(run.innovation_px, run.used),
+        residual_px=rms_px(run.ideal_px - run.reprojected_px, run.used),
     )
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 
 
-def known_part(run: Run) -> slice:
+def known_part(run: Recording) -> slice:
     """Frames from the first to the last position of any marker; all where there is none."""
-    known = np.flatnonzero(run.tracked.markers.seen.any(axis=1))
-    return slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, len(run.tracked.markers.t_s))
+    known = np.flatnonzero(run.tracks.seen.any(axis=1))
+    return slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, len(run.t_s))

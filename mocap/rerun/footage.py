@@ -14,7 +14,8 @@ from mocap.io.dvproject import read_project
 from mocap.io.format import Hints
 from mocap.io.movies import PICTURES, Movie, by_number, open_movie
 from mocap.io.registry import by_name, read_as
-from mocap.pipeline.run import Footage, Run
+from mocap.pipeline.parts import Footage
+from mocap.pipeline.recording import Recording
 
 
 def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
@@ -34,7 +35,9 @@ def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
     return tuple(open_movie(path) for path in given)
 
 
-def with_footage(run: Run, movies: Sequence[Movie], *, offsets: tuple[Array, str], straight: bool = False) -> Run:
+def with_footage(
+    run: Recording, movies: Sequence[Movie], *, offsets: tuple[Array, str], straight: bool = False
+) -> Recording:
     """The run with its movies; what they show and where they are from is added to its report.
 
     Args:
@@ -46,7 +49,7 @@ def with_footage(run: Run, movies: Sequence[Movie], *, offsets: tuple[Array, str
     Raises:
         MocapError: not one movie a camera, or of other sizes than the cameras have.
     """
-    cameras, n_frames = run.cameras, len(run.tracked.markers.t_s)
+    cameras, n_frames = run.cameras, len(run.t_s)
     if len(movies) != len(cameras):
         raise MocapError(
             f"`video`: {len(movies)} movies ({', '.join(m.path.name for m in movies)}) for {len(cameras)} cameras: "

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from eal.arrays import Array
-from mocap.pipeline.run import JointPotential
+from mocap.pipeline.parts import JointPotential
 from mocap.records import JointTracks
 from mocap.rerun.energy import JointEnergy, joint_energy
 

@@ -9,7 +9,7 @@ from eal.arrays import Array
 from mocap.filters.records import HeldLimb
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.rerun.camera_errors import CameraErrors, camera_errors
 from mocap.rerun.landscape import Landscape
 from mocap.rerun.scene import Scene, ViewCamera
@@ -82,7 +82,7 @@ def trail_length(n_frames: int) -> int:
 
 
 def run_layout(
-    run: Run,
+    run: Recording,
     scene: Scene,
     *,
     landscapes: Mapping[str, Landscape],
@@ -93,27 +93,27 @@ def run_layout(
 ) -> Layout:
     """The layout of a run."""
     bounds: dict[str, Box] = {}
-    if run.ideal_px is not None:
-        every = max(1, len(run.ideal_px.t_s) // _FRAMING_FRAMES)
-        most = np.argsort(-run.tracked.used.sum(axis=(1, 2)), kind="stable")
+    if run.cameras:
+        every = max(1, len(run.t_s) // _FRAMING_FRAMES)
+        most = np.argsort(-run.used.sum(axis=(1, 2)), kind="stable")
         for c in most:
-            uv_px = np.concatenate([run.ideal_px.uv_px[c, ::every], run.tracked.reprojected_px[c, ::every]])
+            uv_px = np.concatenate([run.ideal_px[c, ::every], run.reprojected_px[c, ::every]])
             bounds[scene.cameras[c].name] = frame_px(scene.cameras[c], uv_px)
-    per_row = run.tracked.nis / np.maximum(run.tracked.n_rows, 1)
-    finite = per_row[np.isfinite(per_row) & (run.tracked.n_rows > 0)]
+    per_row = run.nis / np.maximum(run.n_rows, 1)
+    finite = per_row[np.isfinite(per_row) & (run.n_rows > 0)]
     return Layout(
         name=run.name,
         limbs=run.limbs,
-        energies=run.angles.energies if run.angles is not None and run.angles.energies.size else None,
-        n_frames=len(run.tracked.markers.t_s),
+        energies=run.data["energies"].values if "energies" in run.data else None,
+        n_frames=len(run.t_s),
         scene=scene,
         bounds_px=bounds,
         landscapes=landscapes,
         blocks=blocks,
         joint_frames=joint_frames,
-        errors=None if run.ideal_px is None else camera_errors(run.tracked, run.ideal_px),
+        errors=camera_errors(run) if run.cameras else None,
         nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
-        likelihood_range=robust_range(run.tracked.log_likelihood),
+        likelihood_range=robust_range(run.log_likelihood),
         angles=angles or {},
         cycles=cycles,
     )
@@ -137,9 +137,9 @@ def frame_px(camera: ViewCamera, uv_px: Array) -> Box:
     return (float(left), float(top)), (float(right), float(bottom))
 
 
-def joint_frames(run: Run) -> dict[str, str]:
+def joint_frames(run: Recording) -> dict[str, str]:
     """The frame of reference in which each joint is shown: that of its potential, or else the most telling one."""
-    frames = [f for f in _FRAMES if f in run.joints] + sorted(set(run.joints) - set(_FRAMES))
-    names = dict.fromkeys(name for f in frames for name in run.joints[f].names)
-    first = {name: next(f for f in frames if name in run.joints[f].names) for name in names}
+    frames = [f for f in _FRAMES if f in run.joint_tracks] + sorted(set(run.joint_tracks) - set(_FRAMES))
+    names = dict.fromkeys(name for f in frames for name in run.joint_tracks[f].names)
+    first = {name: next(f for f in frames if name in run.joint_tracks[f].names) for name in names}
     return {name: run.potentials[name].frame if name in run.potentials else first[name] for name in names}

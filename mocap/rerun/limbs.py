@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 
 from eal.arrays import Array
 from mocap.filters.records import HeldLimb
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import segments, single, time_columns
 from mocap.rerun.layout import Layout
@@ -20,13 +20,13 @@ REACH = 0.35
 _POINTS = 33
 
 
-def log_limbs(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Each limb's map with its state, and its pulls in the scene."""
-    t_s, names = run.tracked.markers.t_s, run.tracked.markers.names
+    t_s, names = run.t_s, run.names
     for limb in layout.limbs:
         _log_map(rec, paths.limb_map(limb.name), t_s, limb)
         log_line(rec, f"{paths.limb(limb.name)}/series/value", t_s, limb.at_state, name="V_z", color=palette.ORANGE)
-        at = run.tracked.markers.xyz_m[:, [names.index(m) for m in limb.markers]]
+        at = run.xyz_m[:, [names.index(m) for m in limb.markers]]
         _log_pull(rec, limb, t_s, layout.scene.points(at), layout.scene.points(limb.pull), layout.scene.radius_m)
 
 

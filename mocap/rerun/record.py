@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import rerun.blueprint as rrb
 
-from eal.over_time import at_frames
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import cycles
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import numbered_from
 from mocap.rerun.cut import known_part
@@ -24,7 +23,7 @@ from mocap.rerun.volume import block
 APPLICATION = "mocap"
 
 
-def write_recording(run: Run, path: Path, *, first: int = 1, every: int = 1) -> None:
+def write_recording(run: Recording, path: Path, *, first: int = 1, every: int = 1) -> None:
     """Write all views of a run to a file.
 
     Frames before the first and after the last position of any marker are left out: there is nothing to see in them.
@@ -40,7 +39,7 @@ def write_recording(run: Run, path: Path, *, first: int = 1, every: int = 1) -> 
         OSError: the file cannot be written there.
     """
     shown = known_part(run)
-    part = at_frames(run, shown)
+    part = run.at(shown)
     layout = make_layout(part)
     with (
         recording_into(
@@ -52,22 +51,21 @@ def write_recording(run: Run, path: Path, *, first: int = 1, every: int = 1) -> 
             tab.log(rec, part, layout)
 
 
-def run_scene(run: Run) -> Scene:
+def run_scene(run: Recording) -> Scene:
     """The scene of a run."""
-    uv_px = None if run.ideal_px is None else run.ideal_px.uv_px
-    return make_scene(run.cameras, xyz_m=run.tracked.markers.xyz_m, uv_px=uv_px, y_up=run.y_up)
+    return make_scene(run.cameras, xyz_m=run.xyz_m, uv_px=run.ideal_px if run.cameras else None, y_up=run.y_up)
 
 
-def make_layout(run: Run) -> Layout:
+def make_layout(run: Recording) -> Layout:
     """All that is derived from a run before anything is written."""
     frames = joint_frames(run)
     landscapes = {
-        name: landscape(run.potentials[name], run.joints[frame])
+        name: landscape(run.potentials[name], run.joint_tracks[frame])
         for name, frame in frames.items()
         if name in run.potentials
     }
     blocks = {
-        name: block(spatial, run.joints[spatial.frame])
+        name: block(spatial, run.joint_tracks[spatial.frame])
         for name, spatial in run.spatial_potentials.items()
         if name in landscapes
     }
@@ -89,16 +87,16 @@ def make_blueprint(layout: Layout) -> rrb.Blueprint:
     return screen(rrb.Tabs(*tabs, active_tab=0, name=layout.name), fps=layout.fps)
 
 
-def recording_id(run: Run) -> str:
+def recording_id(run: Recording) -> str:
     """The run's name and a digest of its data: the same for the same run, on every machine."""
     digest = hashlib.blake2b(digest_size=6)
-    markers = run.tracked.markers
+    markers = run.tracks
     arrays = [markers.t_s, markers.xyz_m, markers.status, *(c.matrix for c in run.cameras)]
-    if run.ideal_px is not None:
-        arrays.append(run.ideal_px.uv_px)
+    if run.cameras:
+        arrays.append(run.ideal_px)
     arrays += [footage.frames for footage in run.footage]
     arrays += [run.potentials[name].samples_m for name in sorted(run.potentials)]
-    digest.update("\n".join([run.name, run.tracked.model, *markers.names]).encode())
+    digest.update("\n".join([run.name, run.model, *markers.names]).encode())
     for array in arrays:
         digest.update(str(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -4,13 +4,14 @@ import numpy as np
 import xarray as xr
 
 from mocap.io.tables import WORDS
-from mocap.records import Status, TrackedMotion
+from mocap.pipeline.recording import Recording
+from mocap.records import Status
 
 INDIVIDUAL = "id_0"
 """The only animal of a recording, as movement names it."""
 
 
-def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray) -> xr.Dataset:
+def markers_dataset(run: Recording) -> xr.Dataset:
     """Positions of all markers with their uncertainty and where each comes from.
 
     Variables, with the dimensions ``time`` (s), ``space`` (x, y, z), ``keypoint`` (markers) and ``individual``, as in
@@ -24,10 +25,9 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray) -> xr.Dataset:
     - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file.
 
     Args:
-        tracked: What the tracker returned.
-        repaired: (T, M) samples whose name was put right.
+        run: A recording that was tracked.
     """
-    markers, t_s = tracked.markers, tracked.markers.t_s
+    markers, t_s = run.tracks, run.t_s
     fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0
     flags = {"flag_values": np.array([int(o) for o in Status], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
     sample = ("time", "keypoint", "individual")
@@ -45,7 +45,7 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray) -> xr.Dataset:
                 {"units": "m2"},
             ),
             "status": (sample, markers.status[..., None], flags),
-            "repaired": (sample, repaired[..., None].astype(np.int8)),
+            "repaired": (sample, run.repaired[..., None].astype(np.int8)),
         },
         coords={
             "time": ("time", t_s, {"units": "s"}),
@@ -61,6 +61,6 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray) -> xr.Dataset:
             "fps": fps,
             "time_unit": "seconds",
             "space_unit": "m",
-            "motion_model": tracked.model,
+            "motion_model": run.model,
         },
     )

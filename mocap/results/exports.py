@@ -11,7 +11,7 @@ from mocap.io.cells import as_workbook_cell
 from mocap.io.workbook import COLUMNS
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.results.bvh import write_bvh
 
 
@@ -113,11 +113,11 @@ def _storage(
     path.write_text("\n".join(head + [form % tuple(row) for row in table.tolist()]) + "\n", encoding="utf-8")
 
 
-EXPORTS: dict[str, Callable[[Run, Kinematics, Sequence[Cycle], Path], None]] = {
+EXPORTS: dict[str, Callable[[Recording, Kinematics, Sequence[Cycle], Path], None]] = {
     "xlsx": lambda _, found, rows, path: write_xlsx(found, rows, path),
     "mat": lambda _, found, rows, path: write_mat(found, rows, path),
     "mot": lambda _, found, rows, path: write_mot(found, path),  # noqa: ARG005
     "sto": lambda _, found, rows, path: write_sto(found, path),  # noqa: ARG005
-    "bvh": lambda run, found, rows, path: write_bvh(run.tracked.markers, run.skeleton, path),  # noqa: ARG005
+    "bvh": lambda run, found, rows, path: write_bvh(run.tracks, run.skeleton, path),  # noqa: ARG005
 }
 """Writers by the end of the file's name."""

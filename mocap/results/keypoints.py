@@ -11,7 +11,7 @@ from mocap.cameras.origin import flipped
 from mocap.errors import MocapError
 from mocap.io.contents import FileContents
 from mocap.io.registry import by_name, write
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.records import PixelTracks
 
 KEYPOINTS = {
@@ -24,7 +24,7 @@ NEAR_PX = 17.0
 """What DeepLabCut's likelihood is the probability of: that the point is so near (its ``pos_dist_thresh``)."""
 
 
-def write_keypoints(run: Run, program: str, folder: Path) -> None:
+def write_keypoints(run: Recording, program: str, folder: Path) -> None:
     """Write positions, and what each camera would show of them, with all filled samples.
 
     Args:
@@ -45,7 +45,7 @@ def write_keypoints(run: Run, program: str, folder: Path) -> None:
             write(whole.without_points(), folder / file, name)
 
 
-def contents_of(run: Run) -> FileContents:
+def contents_of(run: Recording) -> FileContents:
     """A tracked recording as the contents of a file: positions, and pixels with likelihoods where there are cameras.
 
     The likelihood of a sample is the probability that its true pixel is at most ``NEAR_PX`` away, by the standard
@@ -55,7 +55,7 @@ def contents_of(run: Run) -> FileContents:
     Raises:
         MocapError: the height of the picture is not known where pixels are counted from below.
     """
-    markers, cameras = run.tracked.markers, run.cameras
+    markers, cameras = run.tracks, run.cameras
     pixels, score = None, None
     if cameras:
         uv, variance = _projected(run)
@@ -79,12 +79,12 @@ def contents_of(run: Run) -> FileContents:
     )
 
 
-def _projected(run: Run) -> tuple[Array, Array]:
+def _projected(run: Recording) -> tuple[Array, Array]:
     """(C, T, M, 2) pixels as cameras record them, from the upper left, and (C, T, M) traces of their covariances."""
-    markers, cameras = run.tracked.markers, run.cameras
+    markers, cameras = run.tracks, run.cameras
     shape = (len(cameras), *markers.status.shape)
     xyz = markers.xyz_m.reshape(-1, 3)
-    ideal = run.tracked.reprojected_px
+    ideal = run.reprojected_px
     slope = linearise(stacked(cameras), ideal.reshape(len(cameras), -1, 2), xyz).jacobian
     variance = np.einsum("ckij,kjl,ckil->ck", slope, markers.cov_m2.reshape(-1, 3, 3), slope).reshape(shape)
     recorded = [_recorded(camera, uv, y_up=run.y_up) for camera, uv in zip(cameras, ideal, strict=True)]

@@ -3,18 +3,17 @@
 import json
 import time
 from collections import Counter
-from collections.abc import Mapping
-from copy import deepcopy
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
-from eal.over_time import at_frames, in_succession
 from eal.threads import one_blas_thread
 from mocap.filters.body_axes import body_frames
-from mocap.filters.velocities import without_rates
+from mocap.filters.velocities import Motion, without_rates
 from mocap.findings import over_blocks
 from mocap.io.output import result_folder
 from mocap.io.unstated_unit import length
@@ -26,14 +25,19 @@ from mocap.pipeline.blocks import BLOCK, Known, Model, learn_once, tracked_block
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.track_variables import with_joints, with_motion
+from mocap.pipeline.tracking import tracks_alone
+from mocap.pipeline.variables import VARIABLES
 from mocap.progress import Tell, silent
-from mocap.records import MarkerTracks, Status, tracks_alone
+from mocap.records import MarkerTracks, Status
 from mocap.results.blocks import BlockWriter, read_markers
-from mocap.results.stored import read_run, write_arrays
-from mocap.skeleton import read_skeleton
+from mocap.results.stored import read_recording, write_arrays
 from mocap.stages import Stages
+from mocap.text import number_of
 
+_SHOWN = ("position", "covariance", "status", "ideal")
+"""Variables that an overview has beside those of tracking."""
 OVERVIEW, DETAIL = 4000, 1500
 """Frames of the overview that the viewer shows and potentials are learned from, and of the stretch in the figures."""
 
@@ -94,23 +98,23 @@ def write_in_blocks(
         with stages.stage("learn once"):
             known = learn_once(recording, model=model, learned=learned, seed=seed)
         detail, samples, found_out = None, Counter[int](), []
-        thin: list[Run] = []
-        nothing: list[Run] = []
+        thin: list[Recording] = []
+        nothing: list[Recording] = []
         with BlockWriter(folder, fps=1 / recording.dt_s) as writer:
             for core, run, own, findings in tracked_blocks(recording, known, size=size, stages=stages):
                 with stages.stage("kinematics and tables"):
                     found = kinematics(run.motion, run.skeleton, recording=run.name)
                     rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
-                    part = at_frames(run, own)
-                    writer.add(core, part.tracked.markers, part.repaired, found, own, rows)
+                    part = run.at(own)
+                    writer.add(core, part.tracks, part.repaired, found, own, rows)
                 found_out.append(findings)
-                samples.update(part.tracked.markers.status.ravel().tolist())
+                samples.update(part.tracks.status.ravel().tolist())
                 thin += _thinned(part, (-core.start) % every, every)
                 detail = _better(detail, part)
-                nothing = [] if thin else [deepcopy(_without_rates(part))]
+                nothing = [] if thin else [_shown(part)]
                 del run, part, found, rows  # only one block at a time is in memory
         with stages.stage("overview, potentials, figures"):
-            overview = _with_potentials(in_succession(thin or nothing))
+            overview = _with_potentials(_joined(thin or nothing))
             report = _report(recording, known, samples, overview, every, size)
             told = (*recording.findings, *over_blocks(found_out))
             report["findings"] = [str(one) for one in told]
@@ -128,49 +132,58 @@ def write_in_blocks(
     return report
 
 
-def _begun(rows: list[Cycle], run: Run, own: slice) -> list[Cycle]:
+def _begun(rows: list[Cycle], run: Recording, own: slice) -> list[Cycle]:
     """Cycles that begin in the block's own frames."""
-    t_s = run.tracked.markers.t_s
+    t_s = run.t_s
     end = t_s[own.stop] if own.stop < len(t_s) else np.inf
     return [row for row in rows if t_s[own.start] <= row.start_s < end]
 
 
-def _thinned(run: Run, first: int, every: int) -> list[Run]:
-    """Every so manieth frame of a block, without its motion; none of a block in which nothing is seen."""
-    part = at_frames(run, slice(first, None, every))
-    markers = part.tracked.markers
-    if not len(markers.t_s) or not markers.seen.any():
-        return []
-    return [deepcopy(_without_rates(part))]  # of views, which would keep the whole block
+def _thinned(run: Recording, first: int, every: int) -> list[Recording]:
+    """Every so manieth frame of a block; none of a block in which nothing is seen."""
+    part = run.at(slice(first, None, every))
+    return [_shown(part)] if len(part.t_s) and part.tracks.seen.any() else []
 
 
-def _without_rates(run: Run) -> Run:
-    markers = run.tracked.markers
+def _shown(run: Recording) -> Recording:
+    """What an overview shows, without velocities; copied, as a view would keep the whole block."""
+    names = [name for name, one in VARIABLES.items() if one.since == "track" or name in _SHOWN]
+    data = run.data[[name for name in names if name in run.data]].copy(deep=True)
+    return replace(run, data=with_motion(data, _still(run.tracks)))
+
+
+def _still(markers: MarkerTracks) -> Motion:
     measured = markers.status == Status.MEASURED
-    return replace(run, motion=without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured))
+    return without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured)
 
 
-def _better(known: tuple[int, Run] | None, run: Run) -> tuple[int, Run] | None:
+def _joined(parts: Sequence[Recording]) -> Recording:
+    """Parts of a recording, one after the other."""
+    data = [part.data for part in parts]
+    joined = xr.concat(data, dim="time", data_vars="minimal", coords="minimal", compat="override", join="override")
+    return replace(parts[0], data=joined)
+
+
+def _better(known: tuple[int, Recording] | None, run: Recording) -> tuple[int, Recording] | None:
     """The stretch of which most was measured: the middle of a block, if it has more than the one before."""
-    n = len(run.tracked.markers.t_s)
+    n = len(run.t_s)
     start = max(0, (n - DETAIL) // 2)
     frames = slice(start, min(n, start + DETAIL))
-    count = int((run.tracked.markers.status[frames] == Status.MEASURED).sum())
+    count = int((run.tracks.status[frames] == Status.MEASURED).sum())
     if count == 0 or (known is not None and count <= known[0]):
         return known
-    return count, deepcopy(at_frames(run, frames))
+    part = run.at(frames)
+    return count, replace(part, data=part.data.copy(deep=True))
 
 
-def _with_potentials(run: Run) -> Run:
-    markers = run.tracked.markers
-    return replace(
-        run,
-        potentials=joint_potentials(run.joints[FRAME], markers, run.skeleton),
-        spatial_potentials=joint_potentials(run.joints[SPACE], markers, run.skeleton),
-    )
+def _with_potentials(run: Recording) -> Recording:
+    if not run.joint_tracks:
+        return run
+    planar, spatial = (joint_potentials(run.joint_tracks[of], run.tracks, run.skeleton) for of in (FRAME, SPACE))
+    return replace(run, potentials=planar, spatial_potentials=spatial)
 
 
-def _figures(run: Run, folder: Path) -> None:
+def _figures(run: Recording, folder: Path) -> None:
     from mocap.plots.figures import pictures, write_pictures
     from mocap.plots.page import report_page
 
@@ -182,11 +195,11 @@ def _figures(run: Run, folder: Path) -> None:
 
 
 def _report(
-    recording: LongRecording, known: Known, samples: Mapping[int, int], overview: Run, every: int, size: int
+    recording: LongRecording, known: Known, samples: Mapping[int, int], overview: Recording, every: int, size: int
 ) -> dict[str, object]:
     total = recording.n_frames * len(recording.names)
-    sd = overview.tracked.markers.sd_m
-    status = overview.tracked.markers.status
+    sd = overview.tracks.sd_m
+    status = overview.tracks.status
     blocks = -(-recording.n_frames // size)
 
     def median(which: Status) -> float | None:
@@ -204,10 +217,10 @@ def _report(
         "samples": {"total": total, **{o.name.lower(): samples[o] / total for o in Status}},
         "sd_mm": {"measured": median(Status.MEASURED), "filled": median(Status.SMOOTHED)},
         "blocks": {"number": blocks, "frames": size},
-        "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
+        "overview": {"every": every, "frames": len(overview.tracks.t_s)},
         "validation": {"methods": {} if known.learned is None else known.learned.scores},
         "joints": sorted(overview.potentials),
-        "length_m": length(overview.tracked.markers.xyz_m),
+        "length_m": length(overview.tracks.xyz_m),
     }
 
 
@@ -217,8 +230,8 @@ def _readable(report: Mapping) -> str:
     lines = [
         f"# {plain(report['name'])}",
         "",
-        f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
-        f"{len(report['cameras'])} cameras; tracked in {report['blocks']['number']} blocks of at most "
+        f"{report['frames']} frames at {report['fps']:g} per second, {number_of(len(report['markers']), 'marker')}, "
+        f"{number_of(len(report['cameras']), 'camera')}; tracked in {report['blocks']['number']} blocks of at most "
         f"{report['blocks']['frames']} frames.",
         f"Motion model: **{model['name']}** ({plain(model['why'])}).",
         "",
@@ -232,8 +245,9 @@ def _readable(report: Mapping) -> str:
         "",
         f"Standard deviation (median): measured {sd['measured']}, filled {sd['filled']}.",
         "",
-        f"`recording.rrd`, `markers.nc`, `run.nc` and potentials are of one frame in {report['overview']['every']} "
-        f"({report['overview']['frames']} frames); `markers.parquet` and `kinematics.parquet` hold all frames. "
+        "`recording.rrd`, `markers.nc`, `recording.nc` and potentials are of one frame in "
+        f"{report['overview']['every']} ({report['overview']['frames']} frames); "
+        "`markers.parquet` and `kinematics.parquet` hold all frames. "
         "`mocap view FOLDER --frames 1001:2000` shows every frame of a range.",
         "",
         "## Findings",
@@ -243,7 +257,7 @@ def _readable(report: Mapping) -> str:
     return "\n".join(lines) + "\n"
 
 
-def load_range(folder: Path, frames: range) -> Run:
+def load_range(folder: Path, frames: range) -> Recording:
     """All frames of a range of a result that was written in blocks, as a run; without pixels and velocities.
 
     Args:
@@ -255,19 +269,12 @@ def load_range(folder: Path, frames: range) -> Run:
         FormatError: the files cannot be read.
     """
     markers, repaired = read_markers(folder, frames)
-    whole = read_run(folder)
-    skeleton = read_skeleton(folder / "skeleton.toml")
-    return replace(
-        whole,
-        cameras=(),
-        ideal_px=None,
-        tracked=tracks_alone(markers, whole.tracked.model),
-        motion=without_rates(
-            markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, markers.status == Status.MEASURED
-        ),
-        joints=joint_tracks(markers, skeleton, _axes(markers, skeleton.trunk)),
-        repaired=repaired,
-    )
+    whole = read_recording(folder)
+    found = tracks_alone(of_points(markers, whole.skeleton, name=whole.name), whole.model, _still(markers))
+    found = found.having(repaired=repaired)
+    joints = joint_tracks(markers, whole.skeleton, _axes(markers, whole.skeleton.trunk))
+    parts = {name: getattr(whole, name) for name in ("potentials", "spatial_potentials", "report", "report_text")}
+    return replace(found, data=with_joints(found.data, joints), folder=folder, **parts)
 
 
 def _axes(markers: MarkerTracks, trunk: tuple[str, ...]):

@@ -9,7 +9,7 @@ from mocap.errors import MocapError
 from mocap.pipeline.many import ManyTrials
 from mocap.pipeline.many import learn_joints as learn
 from mocap.pipeline.potentials import FRAME, joint_samples
-from mocap.results.stored import read_run
+from mocap.results.stored import read_recording
 
 
 def learn_joints(folders: Sequence[str | PathLike[str]]) -> dict[str, ManyTrials]:
@@ -31,7 +31,7 @@ def learn_joints(folders: Sequence[str | PathLike[str]]) -> dict[str, ManyTrials
         raise MocapError(f"{len(folders)} folders have {len(paths)} names: give results that are named differently")
 
     def trial(name: str) -> dict[str, Array]:
-        run = read_run(paths[name])
-        return joint_samples(run.joints[FRAME], run.tracked.markers, run.skeleton)
+        run = read_recording(paths[name])
+        return joint_samples(run.joint_tracks[FRAME], run.tracks, run.skeleton)
 
     return learn(list(paths), trial)

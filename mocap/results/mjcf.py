@@ -19,7 +19,7 @@ from mocap.filters.bodies import UNKNOWN_KG, rod_masses
 from mocap.filters.body_axes import body_frames
 from mocap.filters.joint_types import Articulation, articulation
 from mocap.measures import AXES
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.records import Status
 
 FILE = "skeleton.mjcf.xml"
@@ -29,7 +29,7 @@ THIN = 0.03
 GRAVITY_M_S2 = 9.81
 
 
-def write_mjcf(run: Run, path: Path) -> None:
+def write_mjcf(run: Recording, path: Path) -> None:
     """Write the animal in its mean pose: the trunk with a free joint, segments as capsules, joints, markers as sites.
 
     Segments of constant (median) length hang on each other by the joints that the samples need
@@ -78,7 +78,7 @@ class FittedAnimal:
             places[joint.child] = vector
 
 
-def fitted_animal(run: Run, *, what: str) -> FittedAnimal:
+def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
     """The animal of a tracked recording.
 
     Args:
@@ -88,7 +88,7 @@ def fitted_animal(run: Run, *, what: str) -> FittedAnimal:
     Raises:
         MocapError: its skeleton has no trunk, or no limb is known often enough.
     """
-    skeleton, markers = run.skeleton, run.tracked.markers
+    skeleton, markers = run.skeleton, run.tracks
     names = markers.names
     if not skeleton.trunk:
         raise MocapError(f"{run.name}: its skeleton names no trunk, which the segments of {what} hang on: state one")
@@ -111,7 +111,7 @@ def fitted_animal(run: Run, *, what: str) -> FittedAnimal:
     )
 
 
-def mjcf_text(run: Run) -> str:
+def mjcf_text(run: Recording) -> str:
     """The file; see ``write_mjcf``."""
     animal = fitted_animal(run, what="an MJCF file")
     mean, skeleton = animal.trunk, run.skeleton
@@ -168,8 +168,8 @@ def _joint(part: ElementTree.Element, joint: Articulation, title: str, vector: A
             ElementTree.SubElement(part, "joint", name=f"{title}_{letter}", type="hinge", axis=numbers(axis))
 
 
-def _masses(run: Run, joints: Sequence[Articulation]) -> dict[str, float]:
-    names = run.tracked.markers.names
+def _masses(run: Recording, joints: Sequence[Articulation]) -> dict[str, float]:
+    names = run.names
     bones = [(names.index(j.centre), names.index(j.child)) for j in joints]
     lengths = np.array([j.length_m for j in joints])
     mass, _, _ = rod_masses(bones, lengths, masses_of(names, run.skeleton.measures.masses))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from eal.arrays import Array
 from mocap.filters.joint_types import Articulation
 from mocap.measures import AXES
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.results.mjcf import GRAVITY_M_S2, fitted_animal, numbers, plain_name
 
 FILE = "skeleton.osim"
@@ -25,7 +25,7 @@ KINDS = {"ball": "BallJoint", "universal": "UniversalJoint", "hinge": "PinJoint"
 Element = ElementTree.Element
 
 
-def write_osim(run: Run, path: Path) -> None:
+def write_osim(run: Recording, path: Path) -> None:
     """Write the animal in its mean pose: the trunk with a free joint, segments of median length, joints, markers.
 
     The same animal as the MJCF file's (``mocap.results.mjcf``): its joints are those that the samples need, its masses
@@ -42,7 +42,7 @@ def write_osim(run: Run, path: Path) -> None:
     path.write_text(osim_text(run), encoding="utf-8")
 
 
-def osim_text(run: Run) -> str:
+def osim_text(run: Recording) -> str:
     """The file; see ``write_osim``."""
     animal = fitted_animal(run, what="an OpenSim model")
     document = Element("OpenSimDocument", Version=VERSION)

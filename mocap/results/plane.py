@@ -9,30 +9,30 @@ import xarray as xr
 from mocap.io.netcdf import as_netcdf
 from mocap.io.tables import REPAIRED, WORDS
 from mocap.pipeline.plane import in_units
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.records import Status
 from mocap.results.dataset import markers_dataset
 from mocap.results.tables import column_text, write_columns
 
 
-def plane_dataset(run: Run) -> xr.Dataset:
+def plane_dataset(run: Recording) -> xr.Dataset:
     """As ``markers_dataset``, in x and y, in the unit of the plane."""
     assert run.plane is not None
     unit, factor = run.plane.unit, run.plane.per_m
-    found = markers_dataset(run.tracked, run.repaired).sel(space=["x", "y"], space_to=["x", "y"])
+    found = markers_dataset(run).sel(space=["x", "y"], space_to=["x", "y"])
     found["position"] = (factor * found["position"]).assign_attrs(units=unit)
     found["covariance"] = (factor**2 * found["covariance"]).assign_attrs(units=f"{unit}2")
     return found.assign_attrs(space_unit=unit)
 
 
-def write_plane(run: Run, folder: Path) -> None:
+def write_plane(run: Recording, folder: Path) -> None:
     """Write ``markers.csv``, ``markers.nc``, ``report.json`` and ``report.md``.
 
     ``markers.csv`` has a row a frame: ``frame``, ``t_s``, then ``<name>_x, _y, _sd`` and ``_origin`` a marker, in
     metres; or ``<name>_x_px, _y_px, _sd_px`` where no scale is stated.
     """
     assert run.plane is not None
-    markers, (xy, cov) = run.tracked.markers, in_units(run, run.plane)
+    markers, (xy, cov) = run.tracks, in_units(run, run.plane)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 2)
     tail = "_px" if run.plane.unit == "px" else ""
     words = WORDS[markers.status].astype("U12")

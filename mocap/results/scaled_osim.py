@@ -14,7 +14,7 @@ import numpy as np
 from eal.arrays import Array
 from eal.needs import MissingPackageError
 from mocap.errors import MocapError
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.mjcf import plain_name
 
@@ -43,7 +43,7 @@ class Factor:
     spread: float
 
 
-def write_scaled_osim(run: Run, generic: Path, folder: Path) -> dict[str, Factor]:
+def write_scaled_osim(run: Recording, generic: Path, folder: Path) -> dict[str, Factor]:
     """Write ``scaled.osim`` and ``scale_factors.csv``.
 
     A body is scaled alike in all directions, by f = sum(m d) / sum(d d) over pairs of its markers, where d is their
@@ -70,7 +70,7 @@ def write_scaled_osim(run: Run, generic: Path, folder: Path) -> dict[str, Factor
     except RuntimeError as error:
         why = " ".join(str(error).split())[:200]
         raise MocapError(f"{generic}: OpenSim does not read it as a model: {why}") from None
-    found = factors(_places(model, state), run.tracked.markers, name=generic.name)
+    found = factors(_places(model, state), run.tracks, name=generic.name)
     scales = opensim.ScaleSet()
     for body, one in found.items():
         scale = opensim.Scale()

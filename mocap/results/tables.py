@@ -15,7 +15,7 @@ from mocap.io.netcdf import as_netcdf
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.stored import write_arrays
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None] | None) -> None:
+def write_run(run: Recording, folder: Path, *, write_recording: Callable[[Recording, Path], None] | None) -> None:
     """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``.
 
     Args:
@@ -32,10 +32,10 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
         write_recording: Writes what is to be looked at; None: nothing is.
     """
     write_arrays(run, folder)
-    write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
+    write_markers(run.tracks, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
-    if run.angles is not None:
-        table = run.angles.to_frame(run.tracked.markers.t_s)
+    if (angles := run.angles) is not None:
+        table = angles.to_frame(run.t_s)
         table.to_csv(folder / "joint_angles.csv", index=False, float_format="%.6g", lineterminator="\n")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")
@@ -60,18 +60,18 @@ def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path
     write_columns(path, header, columns)
 
 
-def write_joints(run: Run, path: Path) -> None:
+def write_joints(run: Recording, path: Path) -> None:
     """A row a frame: ``frame``, ``t_s``, then ``<joint>_<frame>_x, _y[, _z]`` and ``<joint>_sd`` in metres."""
-    t_s = run.tracked.markers.t_s
+    t_s = run.t_s
     header = ["frame", "t_s"]
     columns = [np.arange(1, len(t_s) + 1).astype(str), np.char.mod("%.9g", t_s)]
     for i, joint in enumerate(j.name for j in run.skeleton.joints):
-        for frame, tracks in run.joints.items():
+        for frame, tracks in run.joint_tracks.items():
             for k in range(tracks.q_m.shape[2]):
                 header.append(f"{joint}_{frame}_{'xyz'[k]}")
-                columns.append(column_text(tracks.q_m[:, i, k], run.joints["world"].sd_m[:, i]))
+                columns.append(column_text(tracks.q_m[:, i, k], run.joint_tracks["world"].sd_m[:, i]))
         header.append(f"{joint}_sd")
-        columns.append(column_text(run.joints["world"].sd_m[:, i], run.joints["world"].sd_m[:, i]))
+        columns.append(column_text(run.joint_tracks["world"].sd_m[:, i], run.joint_tracks["world"].sd_m[:, i]))
     write_columns(path, header, columns)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
@@ -27,8 +27,9 @@ from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
+from mocap.pipeline.parts import JointPotential
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.run import JointPotential, Run
+from mocap.pipeline.track_variables import with_motion
 from mocap.plots.joint import plot_coordinates
 from mocap.plots.page import tracked_html
 from mocap.progress import Tell, bars, silent
@@ -43,11 +44,12 @@ from mocap.results.osim import write_osim
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.rigid_bodies import FILE as BODIES_FILE
 from mocap.results.rigid_bodies import write_axes, write_rigid_bodies
-from mocap.results.stored import read_run
+from mocap.results.stored import read_recording
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
+from mocap.text import number_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,49 +104,34 @@ class Joint:
         return plot_coordinates(self.t_s, q, self.sd_m, self.filled, labels=labels, title=title, ax=ax)
 
 
-def _write_run(run: Run, folder: Path, pictures: bool, *, progress: object = None) -> None:  # noqa: ARG001
+def _write_run(result: "Tracked", folder: Path, pictures: bool, *, progress: object = None) -> None:  # noqa: ARG001
     from mocap.rerun.record import write_recording
 
-    write_run(run, folder, write_recording=write_recording if pictures else None)
+    write_run(result, folder, write_recording=write_recording if pictures else None)
 
 
-def _write_kinematics(run: Run, folder: Path, pictures: bool, *, progress: object = None) -> None:  # noqa: ARG001
-    Tracked(run).write_kinematics(folder, pictures=pictures)
+def _write_kinematics(result: "Tracked", folder: Path, pictures: bool, *, progress: object = None) -> None:  # noqa: ARG001
+    result.write_kinematics(folder, pictures=pictures)
 
 
-@dataclass(frozen=True, eq=False)
-class Tracked:
-    """A recording that was tracked.
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracked(Recording):
+    """A recording that was tracked: the same record, with what is computed of it, drawn, and written."""
 
-    Attributes:
-        run: All of it, as the pipeline hands it on.
-        folder: Where it was saved or loaded from; None: nowhere yet.
-    """
-
-    run: Run
-    folder: Path | None = field(default=None)
-
-    @property
-    def name(self) -> str:
-        """Name of the recording."""
-        return self.run.name
-
-    @property
-    def report(self) -> Mapping[str, object]:
-        """The report as ``report.json`` holds it."""
-        return self.run.report
+    @classmethod
+    def of(cls, recording: Recording) -> "Tracked":
+        """The same recording, which ``run_job`` tracked."""
+        return cls(**{one.name: getattr(recording, one.name) for one in fields(recording)})
 
     @cached_property
     def markers(self) -> xr.Dataset:
         """Markers with covariance and status, laid out as the package movement does (``mocap.results.dataset``)."""
-        if self.run.plane is not None:
-            return plane_dataset(self.run)
-        return markers_dataset(self.run.tracked, self.run.repaired)
+        return markers_dataset(self) if self.plane is None else plane_dataset(self)
 
     @cached_property
     def joints(self) -> Mapping[str, Joint]:
         """The joints of the skeleton; none where no skeleton was given."""
-        return {joint.name: self._joint(joint.name) for joint in self.run.skeleton.joints}
+        return {joint.name: self._joint(joint.name) for joint in self.skeleton.joints}
 
     @cached_property
     def kinematics(self) -> Kinematics:
@@ -153,8 +140,8 @@ class Tracked:
         Raises:
             MocapError: the recording is one film, in the plane of its picture.
         """
-        self._in_space("kinematics")
-        return kinematics(self.run.motion, self.run.skeleton, recording=self.run.name)
+        self.in_space("kinematics")
+        return kinematics(self.motion, self.skeleton, recording=self.name)
 
     @cached_property
     def moments(self) -> Kinematics:
@@ -166,23 +153,19 @@ class Tracked:
         Raises:
             MocapError: the recording is one film, in the plane of its picture.
         """
-        self._in_space("moments")
-        return moments(self.run.motion, self.run.skeleton, steps=self.footfalls, recording=self.run.name)
-
-    def _in_space(self, what: str) -> None:
-        if self.run.plane is not None:
-            raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
+        self.in_space("moments")
+        return moments(self.motion, self.skeleton, steps=self.footfalls, recording=self.name)
 
     def _joint(self, name: str) -> Joint:
-        markers, world = self.run.tracked.markers, next(iter(self.run.joints.values()))
+        markers, world = self.tracks, next(iter(self.joint_tracks.values()))
         i = world.names.index(name)
-        joint = next(j for j in self.run.skeleton.joints if j.name == name)
+        joint = next(j for j in self.skeleton.joints if j.name == name)
         three = [markers.names.index(m) for m in (joint.parent, joint.centre, joint.child)]
         there = np.isfinite(world.q_m[:, i, 0])
         return Joint(
             name=name,
             t_s=world.t_s,
-            q_m={frame: tracks.q_m[:, i] for frame, tracks in self.run.joints.items()},
+            q_m={frame: tracks.q_m[:, i] for frame, tracks in self.joint_tracks.items()},
             sd_m=world.sd_m[:, i],
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
@@ -197,12 +180,12 @@ class Tracked:
         Raises:
             MocapError: there is none of that name, or too few samples were measured.
         """
-        if joint in {one.name for one in self.run.skeleton.body_joints}:
-            axes = self.run.skeleton.measures.axes.get(joint, JointAxes())
+        if joint in {one.name for one in self.skeleton.body_joints}:
+            axes = self.skeleton.measures.axes.get(joint, JointAxes())
             return body_potential(self.kinematics, joint, axes.sequence, translations=translations)
-        found = self.run.potentials.get(joint)
+        found = self.potentials.get(joint)
         if found is None:
-            known = ", ".join(self.run.potentials) or "none: give a skeleton with joints"
+            known = ", ".join(self.potentials) or "none: give a skeleton with joints"
             raise MocapError(f"there is no potential of a joint {joint!r}: there are {known}")
         return found
 
@@ -221,7 +204,7 @@ class Tracked:
         """
         with result_folder(Path(folder), "track", replace=overwrite) as stage:
             self.write(stage)
-        return Tracked(self.run, Path(folder))
+        return replace(self, folder=Path(folder))
 
     def write(self, folder: Path, *, progress: Tell = silent, pictures: bool = True) -> None:
         """Write the files of ``save`` into an empty folder, as ``mocap.io.output.result_folder`` gives it.
@@ -234,29 +217,29 @@ class Tracked:
         """
         from mocap.plots.plane import write_plane_figures
 
-        if self.run.plane is not None:
+        if self.plane is not None:
             with Stages(tell=progress).stage("write"):
-                write_plane(self.run, folder)
+                write_plane(self, folder)
                 if pictures:
-                    write_plane_figures(self.run, folder)
+                    write_plane_figures(self, folder)
             return
         with Stages(tell=progress).stage("write") as tell:
             parts = _write_run, _write_kinematics
-            call_all([partial(part, self.run, folder, pictures) for part in parts], tell)
+            call_all([partial(part, self, folder, pictures) for part in parts], tell)
 
     def write_recording(self, folder: Path) -> None:
         """Write ``recording.rrd`` alone into a folder, which is made if need be."""
         from mocap.rerun.record import write_recording
 
         folder.mkdir(parents=True, exist_ok=True)
-        write_recording(self.run, folder / "recording.rrd")
+        write_recording(self, folder / "recording.rrd")
 
     @property
     def recording_id(self) -> str:
         """Of its recording in rerun."""
         from mocap.rerun.record import recording_id
 
-        return recording_id(self.run)
+        return recording_id(self)
 
     def write_kinematics(
         self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent, pictures: bool = True
@@ -278,7 +261,7 @@ class Tracked:
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self.kinematics, self._cycles, folder)
-            write_axes(self.run.motion, self.run.skeleton, folder)
+            write_axes(self.motion, self.skeleton, folder)
             refused = []
             for kind in exports:
                 try:
@@ -291,23 +274,23 @@ class Tracked:
             from mocap.plots.figures import write_pictures
             from mocap.plots.page import report_page
 
-            shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
-            page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
+            shown = list(figures_of(self, self.kinematics, self._cycles, self.footfalls))
+            page = report_page(self, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
         return refused
 
     def _export(self, kind: str, folder: Path) -> None:
         if kind == "mjcf":
-            write_mjcf(self.run, folder / FILE)
+            write_mjcf(self, folder / FILE)
         elif kind == "osim":
-            write_osim(self.run, folder / OSIM_FILE)
+            write_osim(self, folder / OSIM_FILE)
         elif kind == "xmalab":
-            write_rigid_bodies(self.run.motion, self.run.skeleton, folder / BODIES_FILE)
+            write_rigid_bodies(self.motion, self.skeleton, folder / BODIES_FILE)
         elif kind in KEYPOINTS:
-            self._in_space(f"the export {kind}")
-            write_keypoints(self.run, kind, folder)
+            self.in_space(f"the export {kind}")
+            write_keypoints(self, kind, folder)
         else:
-            EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
+            EXPORTS[kind](self, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
 
     def write_scaled_osim(self, generic: str | PathLike[str], folder: Path) -> "dict[str, Factor]":
         """Scale a generic OpenSim model to the animal: ``scaled.osim``, ``scale_factors.csv`` (needs OpenSim).
@@ -324,7 +307,7 @@ class Tracked:
         """
         from mocap.results.scaled_osim import write_scaled_osim
 
-        return write_scaled_osim(self.run, Path(generic), folder)
+        return write_scaled_osim(self, Path(generic), folder)
 
     def write_moments(self, folder: Path) -> None:
         """Write ``moments.csv`` and ``moments.nc``.
@@ -350,16 +333,16 @@ class Tracked:
         if kind not in EXPORTS:
             raise MocapError(f"{path}: kinematics are exported as .{', .'.join(EXPORTS)}")
         with result_file(Path(path), replace=overwrite) as stage:
-            EXPORTS[kind](self.run, self.kinematics, self._cycles, stage)
+            EXPORTS[kind](self, self.kinematics, self._cycles, stage)
 
     @cached_property
     def footfalls(self) -> Footfalls | None:
         """When the stated feet stand; None where none are stated or none stands."""
-        return footfalls(self.run.motion, self.run.skeleton)
+        return footfalls(self.motion, self.skeleton)
 
     @cached_property
     def _cycles(self) -> list[Cycle]:
-        return cycles(self.kinematics, self.run.motion, self.run.skeleton)
+        return cycles(self.kinematics, self.motion, self.skeleton)
 
     @property
     def cycles(self) -> pd.DataFrame:
@@ -371,7 +354,7 @@ class Tracked:
         """Figures: ``res.plot.over_time("elbow_l_flexion_deg")``, ``by_phase``, ``gait``, ``stroke``, ``gaps``, ..."""
         from mocap.plots.notebook import Plots
 
-        return Plots(self.run, self.kinematics, self._cycles, self.footfalls)
+        return Plots(self, self.kinematics, self._cycles, self.footfalls)
 
     def with_skeleton(self, skeleton: Skeleton) -> "Tracked":
         """The same markers, with what another skeleton states of joints, axes, outlines and masses.
@@ -382,14 +365,13 @@ class Tracked:
         Raises:
             SkeletonError: it uses a marker that the recording lacks.
         """
-        names = self.run.tracked.markers.names
-        checked = skeleton.for_markers(names, source=self.name)
-        asked = asked_for(names, checked, n_frames=len(self.run.motion.t_s))
-        return Tracked(replace(self.run, skeleton=checked, motion=with_means(self.run.motion, asked)), self.folder)
+        checked = skeleton.for_markers(self.names, source=self.name)
+        asked = asked_for(self.names, checked, n_frames=len(self.t_s))
+        return replace(self, skeleton=checked, data=with_motion(self.data, with_means(self.motion, asked)))
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""
-        return Tracked(replace(self.run, report_text=self.run.report_text + text), self.folder)
+        return replace(self, report_text=self.report_text + text)
 
     def with_video(
         self,
@@ -412,10 +394,10 @@ class Tracked:
         """
         from mocap.rerun.footage import offsets_of, open_movies, with_footage
 
-        offsets = offsets_of(self.run.file, offset_frames)
+        offsets = offsets_of(self.file, offset_frames)
         opened = [movie for movie in movies if isinstance(movie, Movie)]
         opened += open_movies([Path(movie) for movie in movies if not isinstance(movie, Movie)])
-        return Tracked(with_footage(self.run, opened, offsets=offsets, straight=undistorted), self.folder)
+        return Tracked.of(with_footage(self, opened, offsets=offsets, straight=undistorted))
 
     def view(self, *, web: bool = False) -> "Viewer":
         """Open it in rerun, on this computer only; the viewer ends with this Python, or by its ``close()``.
@@ -423,7 +405,7 @@ class Tracked:
         Args:
             web: In the browser, at the ``url`` of what is returned, instead of a window.
         """
-        self._in_space("the viewer")
+        self.in_space("the viewer")
         from tempfile import TemporaryDirectory
         from weakref import finalize
 
@@ -439,12 +421,12 @@ class Tracked:
 
     def __repr__(self) -> str:
         """One line."""
-        n_frames, n_markers = self.run.tracked.markers.status.shape
-        joints = len(self.run.skeleton.joints)
-        return f"<Tracked {self.name!r}: {n_frames} frames, {n_markers} markers, {joints} joints>"
+        n_joints = len(self.skeleton.joints) + len(self.skeleton.body_joints)
+        counts = (len(self.t_s), "frame"), (len(self.names), "marker"), (n_joints, "joint")
+        return f"<Tracked {self.name!r}: {', '.join(number_of(*one) for one in counts)}>"
 
     def _repr_html_(self) -> str:
-        return tracked_html(self.run)
+        return tracked_html(self)
 
 
 def track(
@@ -473,6 +455,8 @@ def track(
         MocapError: what makes it impossible, with what to do.
     """
     recording = as_recording(recording, "track")
+    if recording.tracked:
+        raise MocapError(f"{recording.name}: was tracked already: give what mocap.read or mocap.clean returned")
     name = "auto"
     if isinstance(model, str) and model in MODELS:
         name, model = model, None  # type: ignore[assignment]
@@ -484,7 +468,7 @@ def track(
         run, _ = run_job(
             recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch
         )
-    return Tracked(run)
+    return Tracked.of(run)
 
 
 def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked:
@@ -501,9 +485,9 @@ def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked
     """
     folder = Path(folder)
     if frames is None:
-        return Tracked(read_run(folder), folder)
+        return Tracked.of(read_recording(folder))
     if not is_long(folder):
         raise MocapError(f"{folder}: was tracked at once: load it without `frames`")
     from mocap.results.long_result import load_range
 
-    return Tracked(load_range(folder, frames))
+    return Tracked.of(load_range(folder, frames))

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from eal.arrays import Array
-from eal.over_time import OverTime, Time, at_frames, in_succession
+from eal.over_time import OverTime, Time, at_frames
 
 T, C = 7, 2
 
@@ -52,16 +52,6 @@ def test_all_arrays_over_time_are_cut_and_no_others():
     np.testing.assert_array_equal(found.by_name["same"].seen, given.parts[0].seen[:, 2:5])
     assert found.maybe is None
     assert found.words == ("a", "b")
-
-
-def test_pieces_in_succession_are_the_whole():
-    """Cut in three and joined again."""
-    given = whole()
-    found = in_succession([at_frames(given, slice(*ends)) for ends in ((0, 2), (2, 3), (3, T))])
-    np.testing.assert_array_equal(found.t_s, given.t_s)
-    np.testing.assert_array_equal(found.from_the_end, given.from_the_end)
-    np.testing.assert_array_equal(found.parts[0].seen, given.parts[0].seen)
-    np.testing.assert_array_equal(found.tables["offsets"], given.tables["offsets"])
 
 
 def test_frames_of_which_nothing_is_known_are_nan():

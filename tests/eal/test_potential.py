@@ -283,6 +283,7 @@ def test_other_files_are_refused(tmp_path):
     [
         ({"samples": np.zeros((0, 2))}, "shape"),
         ({"samples": np.zeros(4)}, "shape"),
+        ({"samples": np.full((4, 2), 1j)}, "samples must be real numbers"),
         ({"samples": [[0.0, 1.0], [np.nan, 1.0]]}, "1 of 2 rows are not, the first is row 1"),
         ({"lam": 0.0}, "lam must be a finite number above 0"),
         ({"lam": 1e-14}, "V would be rounding"),

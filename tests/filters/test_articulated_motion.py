@@ -25,7 +25,7 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import of_points
 from mocap.records import MarkerTracks, Status
-from mocap.results.stored import read_run
+from mocap.results.stored import read_recording
 from mocap.results.tables import write_run
 from mocap.skeleton import skeleton_text
 from tests.mocap.test_articulated import LENGTHS, NAMES, SKELETON, arm
@@ -191,7 +191,7 @@ def test_angles_are_written_and_read(tmp_path, model):
     (tmp_path / "skeleton.toml").write_text(skeleton_text(SKELETON), encoding="utf-8")
     table = pd.read_csv(tmp_path / "joint_angles.csv")
     np.testing.assert_allclose(table["elbow_wrist_bend_deg"], np.degrees(run.angles.angle_rad[:, 3]), atol=1e-3)
-    again = read_run(tmp_path).angles
+    again = read_recording(tmp_path).angles
     assert again is not None
     assert again.names == run.angles.names
     np.testing.assert_array_equal(again.sd_rad, run.angles.sd_rad)

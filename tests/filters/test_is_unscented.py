@@ -25,7 +25,7 @@ def straight(mechanics):
     model = pose(mechanics)
     still = np.repeat([1.0, 1e-7, 1.0, 1e-7], 3)
     model.body_sd[:] *= still
-    model.body_density[:] *= still[:6] ** 2
+    model.body.density[:] *= still[:6]
     state, xyz = model.initial(), []
     x = rng.normal(size=model.size) * np.sqrt(np.diag(state.cov))
     for frame in range(FRAMES):

@@ -108,8 +108,8 @@ def test_the_pose_model_holds_its_data(learned):
     assert np.sqrt(np.nanmean(np.square(error))) < 1e-3
     density = np.diag(model.mechanics.density) ** 2
     assert (density > 0).all()
-    assert (model.body_density > 0).all()
-    assert model.body_density[:3].max() < 1e-2 * density.max()  # the body's frame moves by noise only
+    assert (model.body.lasting_sd > 0).all()
+    assert np.diag(model.body.density)[:3].max() ** 2 < 1e-2 * density.max()  # the body's frame moves by noise only
     assert (model.shape_sd > 0).all()
     assert (model.body_sd > 0).all()
     assert (model.residual_rate_hz > 0).all()

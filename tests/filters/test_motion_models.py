@@ -44,6 +44,11 @@ def oscillating(rng):
     )
 
 
+def body_of(density, memory_s=0.02):
+    """A free body under forces that last, of lower factors of their densities."""
+    return LinearShape(*np.zeros((2, 6, 6)), np.zeros(6), np.diag(density), memory_s)
+
+
 def pose(mechanics=free, rate_hz=30.0, **more):
     """Four markers on a body that stands still at a random place in each frame."""
     rng = np.random.default_rng(2)
@@ -60,7 +65,7 @@ def pose(mechanics=free, rate_hz=30.0, **more):
     return PoseMotion(
         subspace=subspace,
         mechanics=mechanics(rng),
-        body_density=rng.uniform(0.1, 10, 6),
+        body=body_of(np.sqrt(rng.uniform(0.1, 10, 6))),
         shape_sd=rng.uniform(0.1, 1, 2 * RANK),
         body_sd=rng.uniform(0.1, 1, 12),
         residual_rate_hz=np.full(3 * MARKERS, rate_hz),
@@ -183,11 +188,13 @@ def test_a_view_is_the_derivative_of_the_markers():
 
 
 def test_parts_are_all_of_the_state():
-    """[z, zdot, u], g, gdot, e, e1 follow each other, then e2; parts come in their sizes."""
+    """[z, zdot, u], g, gdot, b, e, e1 follow each other, then e2; parts come in their sizes."""
     model = pose()
     shape, g, e, g_rate, e_rate = model.parts
     index = np.arange(model.size)
-    known = np.concatenate([index[part] for part in (shape, g, g_rate, e, e_rate)])
+    lasting = slice(g_rate.stop, e.start)
+    known = np.concatenate([index[part] for part in (shape, g, g_rate, lasting, e, e_rate)])
+    assert e.start - g_rate.stop == 6
     np.testing.assert_array_equal(known, index[: -3 * MARKERS])
     assert [len(index[part]) for part in model.parts] == [3 * RANK, 6, 3 * MARKERS, 6, 3 * MARKERS]
     assert model.view(np.zeros(model.size), 0).reads == e.stop
@@ -207,14 +214,14 @@ def test_white_acceleration_is_the_integral():
 
 
 def test_body_and_shape_are_driven_by_their_own_noise():
-    """The body's block of the noise is white acceleration, the shape's that of its mechanics; nothing couples."""
+    """The blocks of body and shape are those of their mechanics; nothing couples."""
     model, dt_s = pose(), 0.02
     _, q = matrices(model, dt_s)
-    shape, g, e, g_rate, _ = (np.arange(model.size)[part] for part in model.parts)
-    integral = np.array([[dt_s**3 / 3, dt_s**2 / 2], [dt_s**2 / 2, dt_s]])
-    body, own = np.append(g, g_rate), model.mechanics.noise(dt_s)
-    np.testing.assert_allclose(q[np.ix_(body, body)], np.kron(integral, np.diag(model.body_density)), rtol=1e-12)
-    np.testing.assert_allclose(q[np.ix_(shape, shape)], own @ own.T, rtol=1e-12, atol=1e-18)
+    shape, g, e, *_ = (np.arange(model.size)[part] for part in model.parts)
+    body = np.arange(g[0], e[0])
+    for part, moved in ((body, model.body), (shape, model.mechanics)):
+        own = moved.noise(dt_s)
+        np.testing.assert_allclose(q[np.ix_(part, part)], own @ own.T, rtol=1e-12, atol=1e-18)
     blocks = [shape, body, np.arange(e[0], model.size)]
     for one in range(3):
         for other in range(one):
@@ -286,7 +293,7 @@ def test_markers_by_the_formula():
     for frame in range(FRAMES):
         found = model.markers(states, frame)
         for s in range(2):
-            z, _, p, w, _, e, _ = np.split(states[s], 3 * RANK + np.array([-2 * RANK, 0, 3, 6, 12, 12 + 3 * MARKERS]))
+            z, _, p, w, _, e, _ = np.split(states[s], 3 * RANK + np.array([-2 * RANK, 0, 3, 6, 18, 18 + 3 * MARKERS]))
             body = model.subspace.mean + model.subspace.basis @ z + e
             turn = frames.rotation[frame] @ expm(np.cross(np.eye(3), w))
             for m in range(MARKERS):

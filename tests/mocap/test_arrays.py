@@ -140,6 +140,8 @@ def test_a_skeleton_needs_no_file(xyz, tmp_path):
         ({"markers": ["a", "b"], "joints": {"j": ("a", "b")}}, r"joint 'j' is between two names"),
         ({"markers": ["a", "b"], "trunk": "a"}, "trunk is 'a', expected a list"),
         ({"markers": ["a"], "measures": {"tail": 1}}, "tail"),
+        ({"markers": ["a", "b"], "joints": {"j": ("a", "b", "a")}}, "joint j has a marker twice: a, b, a"),
+        ({"markers": ["a"], "bones": [("a", "a")]}, "bone a-a has a marker twice: a, a"),
     ],
 )
 def test_skeletons_say_what_they_expect(stated, said):
@@ -158,6 +160,8 @@ def test_skeletons_say_what_they_expect(stated, said):
         ({"xyz": "walk.csv"}, "is a path .*mocap.read"),
         ({"xyz": [["a"]]}, "is list, expected"),
         ({"xyz": np.full((5, 3, 3), np.inf)}, "infinite"),
+        ({"xyz": np.full((5, 3, 3), 1j)}, "is ndarray, expected"),
+        ({"name": ["a", "b", "c"]}, r"`name` is \['a', 'b', 'c'\], expected a text"),
         ({"xyz": pd.DataFrame({"a_x": [1.0]})}, "columns a_x; expected NAME_x, _y, _z"),
         ({"names": ["a", "b"]}, "2 names for 3 markers"),
         ({"names": ["a", "b", "b"]}, "'b'.* rename"),
@@ -220,6 +224,12 @@ def test_verbs_say_what_they_take(xyz, call, said):
     """Paths, arrays and models that are none."""
     with pytest.raises(mocap.MocapError, match=said):
         call(mocap.from_arrays(xyz, names=NAMES, fps=FPS, unit="mm"))
+
+
+def test_nothing_is_no_recording():
+    """No file is told, not read as the folder that Python runs in."""
+    with pytest.raises(mocap.MocapError, match=r"`tracks` is \[\], expected a file"):
+        mocap.read([])
 
 
 def test_one_marker_is_tracked_and_saved(tmp_path):

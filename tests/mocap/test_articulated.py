@@ -10,8 +10,9 @@ from mocap.filters.velocities import without_rates
 from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
-from mocap.pipeline.run import Run
-from mocap.records import TrackedMotion, marker_tracks
+from mocap.pipeline.recording import of_points
+from mocap.pipeline.tracking import tracks_alone
+from mocap.records import marker_tracks
 from mocap.results.mjcf import mjcf_text
 from mocap.results.osim import osim_text
 from mocap.skeleton import Bone, Skeleton
@@ -93,7 +94,7 @@ def test_the_mjcf_file_has_the_mean_pose_and_the_bones(tracked_arm):
     for (a, b), length in zip((("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "tip")), LENGTHS, strict=True):
         for pose in (at_rest, bent):
             assert np.linalg.norm(pose[b] - pose[a]) == pytest.approx(length, rel=0.01)
-    markers = tracked_arm.tracked.markers
+    markers = tracked_arm.tracks
     body = np.einsum("tji,tmj->tmi", arm()[1], markers.xyz_m)
     way = (body[:, 4] - body[:, 3]).mean(axis=0)
     pair = at_rest["b"] - at_rest["a"], (body[:, 1] - body[:, 0]).mean(axis=0)  # axes differ by one rotation
@@ -149,31 +150,8 @@ def tracked_arm():
     t_s = np.arange(len(xyz)) / 200.0
     cov = np.broadcast_to(4e-8 * np.eye(3), (*xyz.shape, 3))
     measured = np.ones(xyz.shape[:2], dtype=bool)
-    tracked = TrackedMotion(
-        model="constant_velocity",
-        markers=marker_tracks(NAMES, t_s, xyz, cov_m2=cov),
-        reprojected_px=np.zeros((0, *measured.shape, 2)),
-        innovation_px=np.zeros((0, *measured.shape, 2)),
-        used=np.zeros((0, *measured.shape), dtype=bool),
-        nis=np.ones(len(xyz)),
-        n_rows=np.ones(len(xyz), dtype=np.int64),
-        log_likelihood=np.zeros(len(xyz)),
-    )
-    return Run(
-        name="arm",
-        skeleton=SKELETON,
-        cameras=(),
-        ideal_px=None,
-        y_up=False,
-        tracked=tracked,
-        motion=without_rates(NAMES, t_s, xyz, cov, measured),
-        joints={},
-        potentials={},
-        spatial_potentials={},
-        repaired=~measured,
-        report={},
-        report_text="",
-    )
+    found = of_points(marker_tracks(NAMES, t_s, xyz, cov_m2=cov), SKELETON, name="arm")
+    return tracks_alone(found, "constant_velocity", without_rates(NAMES, t_s, xyz, cov, measured))
 
 
 def test_the_opensim_model_is_the_animal_of_the_mjcf_file(tracked_arm):

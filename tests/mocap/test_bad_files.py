@@ -221,6 +221,27 @@ def test_spaces_around_cells_are_nothing(tmp_path):
     np.testing.assert_array_equal(read_table(tmp_path / "x.csv")[1], [[1, np.nan], [2, 3]])
 
 
+CELLS = (
+    *("0.1", "-.5", "5.", "+1e-3", "2.2250738585072014e-308", "123456.78901234567", "0.30000000000000004", '"7"', '""'),
+    *("", "NaN", "nan", "NA", '"NA"', "inf", "-inf", "1e400", "Nan", "-nan", "Infinity", "true", "FALSE", "1_0", "0x1"),
+    *("1d3", "1e", "--1", "\uff11", '"1', "1 2", "None", "5"),
+)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_short_tables_read_as_long_ones(tmp_path, monkeypatch, cell):
+    """A table that is read without pandas has the numbers of pandas to the last bit, or no reader takes it."""
+    path, found = tmp_path / "x.csv", []
+    path.write_text(f"a,b\n1,2\n{cell},3\n", encoding="utf-8")
+    for small in (1 << 18, 0):
+        monkeypatch.setattr("mocap.io.csv_table.SMALL", small)
+        try:
+            found.append(read_table(path)[1].tobytes())
+        except FormatError:
+            found.append(None)
+    assert found[0] == found[1]
+
+
 def profile(tmp_path, *lines):
     path = tmp_path / "cameras.txt"
     path.write_text("\n".join(lines) + "\n")

@@ -3,11 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from mocap.datasets import make_bat
 
 import mocap
 from docs.tools import columns
-from eal.over_time import at_frames, in_succession
 from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
@@ -59,14 +59,14 @@ def test_blocks_give_the_track_of_the_whole(bat, whole):
     for core in blocks_of(T, 200):
         run, own, _ = track_block(bat, known, core)
         assert own.stop - own.start == len(core)
-        parts.append(at_frames(run, own))
-    found = in_succession(parts)
-    ours, theirs = found.tracked.markers, whole.tracked.markers
-    np.testing.assert_array_equal(ours.t_s, theirs.t_s)
-    np.testing.assert_array_equal(ours.status, theirs.status)
-    np.testing.assert_allclose(ours.xyz_m, theirs.xyz_m, atol=1e-9)
-    np.testing.assert_allclose(ours.cov_m2, theirs.cov_m2, rtol=1e-7, atol=1e-15)
-    np.testing.assert_allclose(found.motion.velocity_m_s, whole.motion.velocity_m_s, atol=1e-7)
+        names = ["position", "covariance", "status", "velocity"]
+        parts.append(run.at(own).data[names])
+    ours, theirs = xr.concat(parts, dim="time"), whole.data
+    np.testing.assert_array_equal(ours["time"], theirs["time"])
+    np.testing.assert_array_equal(ours["status"], theirs["status"])
+    np.testing.assert_allclose(ours["position"], theirs["position"], atol=1e-9)
+    np.testing.assert_allclose(ours["covariance"], theirs["covariance"], rtol=1e-7, atol=1e-15)
+    np.testing.assert_allclose(ours["velocity"], theirs["velocity"], atol=1e-7)
 
 
 def test_blocks_are_all_frames_once():
@@ -104,8 +104,8 @@ def folder(bat, tmp_path_factory):
 def test_tables_hold_every_frame(whole, folder):
     """The long table is one that mocap reads, the kinematics have a row a frame, and both are the track."""
     points = mocap.read(folder / "markers.parquet").points
-    np.testing.assert_allclose(points.xyz_m, whole.tracked.markers.xyz_m, atol=1e-9)
-    np.testing.assert_array_equal(points.status, whole.tracked.markers.status)
+    np.testing.assert_allclose(points.xyz_m, whole.tracks.xyz_m, atol=1e-9)
+    np.testing.assert_array_equal(points.status, whole.tracks.status)
     table = pd.read_parquet(folder / "kinematics.parquet")
     assert table["frame"].tolist() == list(range(1, T + 1))
     flexion = mocap.load(folder).kinematics  # the overview, of the same frames where there are few
@@ -114,9 +114,7 @@ def test_tables_hold_every_frame(whole, folder):
     np.testing.assert_allclose(table[name], flexion[name].value, atol=0.05)
     blocks = pd.read_csv(folder / "blocks.csv")
     assert blocks["last_frame"].tolist() == [233, 466, 700]
-    assert blocks["measured"].mean() == pytest.approx(
-        (whole.tracked.markers.status == Status.MEASURED).mean(), abs=1e-3
-    )
+    assert blocks["measured"].mean() == pytest.approx((whole.tracks.status == Status.MEASURED).mean(), abs=1e-3)
 
 
 def test_every_column_is_documented(folder):
@@ -127,13 +125,13 @@ def test_every_column_is_documented(folder):
 
 def test_any_range_of_frames(folder):
     """A range over the border of two blocks is read with its covariances, as single precision holds them."""
-    whole = mocap.load(folder).run.tracked.markers
+    whole = mocap.load(folder).tracks
     run = load_range(folder, range(220, 260))
-    np.testing.assert_array_equal(run.tracked.markers.xyz_m, whole.xyz_m[220:260])
-    np.testing.assert_allclose(run.tracked.markers.cov_m2, whole.cov_m2[220:260], rtol=1e-5, atol=1e-12)
-    np.testing.assert_array_equal(run.tracked.markers.status, whole.status[220:260])
-    world = mocap.load(folder).run.joints["world"].q_m[220:260]
-    np.testing.assert_allclose(run.joints["world"].q_m, world, atol=1e-12)
+    np.testing.assert_array_equal(run.xyz_m, whole.xyz_m[220:260])
+    np.testing.assert_allclose(run.cov_m2, whole.cov_m2[220:260], rtol=1e-5, atol=1e-12)
+    np.testing.assert_array_equal(run.tracks.status, whole.status[220:260])
+    world = mocap.load(folder).joint_tracks["world"].q_m[220:260]
+    np.testing.assert_allclose(run.joint_tracks["world"].q_m, world, atol=1e-12)
     with pytest.raises(MocapError, match="has the frames 1 to 700"):
         load_range(folder, range(690, 710))
 

@@ -23,7 +23,8 @@ VERBS = [name for name in mocap.__all__ if inspect.isfunction(getattr(mocap, nam
         (lambda: mocap.track(mocap.from_arrays(XYZ, fps=1), models="eal"), "did you mean `model`?"),
         (lambda: mocap.read("a.csv", skelton="b.toml"), "did you mean `skeleton`?"),
         (lambda: mocap.read(), "'tracks'"),
-        (lambda: mocap.from_arrays(XYZ, rate=3), "expected mocap.from_arrays(xyz, names, fps"),
+        (lambda: mocap.from_arrays(XYZ, rate=3), "expected mocap.from_arrays(xyz, names=, fps="),
+        (lambda: mocap.read("a.csv", "b.csv"), "expected mocap.read(tracks, calibration=, fps="),
     ],
 )
 def test_an_argument_of_another_function_is_told_where_it_belongs(call, told):

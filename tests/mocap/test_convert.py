@@ -163,7 +163,7 @@ def test_netcdf_keeps_standard_deviations_and_status(tmp_path):
 def test_our_own_netcdf_is_read_with_its_covariances(tmp_path):
     """``markers.nc`` holds covariances; a table made of it holds the standard deviations."""
     run = make_run(n_frames=12, n_cameras=0, n_joints=0)
-    dataset = Tracked(run).markers
+    dataset = Tracked.of(run).markers
     dataset.to_netcdf(tmp_path / "markers.nc", engine="h5netcdf")
     back = read(tmp_path / "markers.nc")
-    np.testing.assert_allclose(back.points.cov_m2, run.tracked.markers.cov_m2, rtol=1e-12)
+    np.testing.assert_allclose(back.points.cov_m2, run.cov_m2, rtol=1e-12)

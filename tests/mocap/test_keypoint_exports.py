@@ -1,7 +1,5 @@
 """Tracked points in the files of the programs that people came from, read as these programs read them."""
 
-from dataclasses import replace
-
 import h5py
 import numpy as np
 import pandas as pd
@@ -58,7 +56,7 @@ def test_pixels_are_those_that_the_cameras_recorded(scene, tracked):
         away = np.linalg.norm(values[..., :2] - scene.pixels.uv_px[c][:, order], axis=-1)
         assert np.nanmedian(away) < 1.5
         assert scene.cameras[c].lens is not None
-        straight = ideal(stacked(loaded.run.cameras), loaded.run.tracked.markers.xyz_m)[c]
+        straight = ideal(stacked(loaded.cameras), loaded.tracks.xyz_m)[c]
         bent = np.linalg.norm(values[..., :2] - straight, axis=-1)
         assert np.nanmax(bent) > 3  # the lens moves pixels at the edge by more than the test's tolerance
         same = pd.read_csv(out / f"markers_{camera}.dlc.csv", header=[0, 1, 2], index_col=0)
@@ -70,11 +68,11 @@ def test_a_likelihood_is_the_probability_of_being_near(tracked):
 
     4 standard deviations of 4000 draws; a slope that is straight over 17 px and a lens that turns nothing: 0.02.
     """
-    run = tracked[0].run
-    rng, markers = np.random.default_rng(0), run.tracked.markers
+    run = tracked[0]
+    rng, markers = np.random.default_rng(0), run.tracks
     at, marker = N // 2, int(np.flatnonzero(markers.seen[N // 2])[0])
     eight_mm = np.broadcast_to(np.eye(3) * 8e-3**2, markers.cov_m2.shape)
-    wide = replace(run, tracked=replace(run.tracked, markers=replace(markers, cov_m2=eight_mm)))
+    wide = run.having(covariance=eight_mm)
     told = contents_of(wide).score[:, at, marker]
     drawn = rng.normal(markers.xyz_m[at, marker], 8e-3, (4000, 3))
     away = np.linalg.norm(record(run.cameras, drawn) - record(run.cameras, markers.xyz_m[at, marker])[:, None], axis=-1)
@@ -86,10 +84,8 @@ def test_a_likelihood_is_the_probability_of_being_near(tracked):
 def test_a_saved_run_knows_its_lenses(tracked):
     """What is exported after loading is what was exported before, to the digits of stored pixels."""
     fresh, loaded, _ = tracked
-    before, after = contents_of(fresh.run), contents_of(loaded.run)
-    assert all(
-        a.lens == b.lens and a.lens is not None for a, b in zip(fresh.run.cameras, loaded.run.cameras, strict=True)
-    )
+    before, after = contents_of(fresh), contents_of(loaded)
+    assert all(a.lens == b.lens and a.lens is not None for a, b in zip(fresh.cameras, loaded.cameras, strict=True))
     np.testing.assert_allclose(after.pixels.uv_px, before.pixels.uv_px, atol=1e-3)
 
 
@@ -99,7 +95,7 @@ def test_sleap_files_are_read_by_sleap_io_and_by_keypoint_moseq(tracked):
     if not hasattr(sleap_io, "load_analysis_h5"):
         pytest.skip("this sleap-io reads no analysis files")
     _, loaded, out = tracked
-    found = contents_of(loaded.run)
+    found = contents_of(loaded)
     labels = sleap_io.load_analysis_h5(str(out / "markers_cam2.analysis.h5"), video="cam2.mp4")
     assert [node.name for node in labels.skeleton.nodes] == list(found.names)
     uv = np.stack([frame.instances[0].numpy(scores=True) for frame in labels.labeled_frames])
@@ -107,7 +103,7 @@ def test_sleap_files_are_read_by_sleap_io_and_by_keypoint_moseq(tracked):
     np.testing.assert_allclose(uv[..., 2], found.score[1], rtol=1e-9)
     with h5py.File(out / "markers.points3d.h5") as file:
         coordinates = file["tracks"][()][:, 0]
-    np.testing.assert_allclose(coordinates, loaded.run.tracked.markers.xyz_m)
+    np.testing.assert_allclose(coordinates, loaded.tracks.xyz_m)
     assert identify(out / "markers_cam2.analysis.h5").name == "sleap-analysis"
 
 
@@ -116,7 +112,7 @@ def test_positions_come_back(tracked, tmp_path):
     _, loaded, out = tracked
     for name in ("markers.dlc.h5", "markers.dlc.csv", "markers.points3d.h5"):
         back = read(out / name)
-        np.testing.assert_allclose(back.points.xyz_m, loaded.run.tracked.markers.xyz_m, rtol=1e-12)
+        np.testing.assert_allclose(back.points.xyz_m, loaded.tracks.xyz_m, rtol=1e-12)
     two = points(["a", "b"], np.arange(12.0).reshape(2, 2, 3))
     assert any("names" in remark for remark in write(two, tmp_path / "a.points3d.h5"))
 

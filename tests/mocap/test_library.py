@@ -17,6 +17,7 @@ import mocap
 from docs.tools import columns
 from mocap.cli.main import main
 from mocap.io.registry import read as read_file
+from mocap.pipeline.variables import VARIABLES
 from mocap.rerun.palette import depth
 
 FRAMES = 120
@@ -63,6 +64,20 @@ def test_tracking_does_not_import_all_statistics():
     assert not found.stdout.split()
 
 
+def test_describing_a_short_table_imports_no_pandas(tmp_path):
+    """It takes as long as all else that ``mocap info`` does."""
+    path = tmp_path / "x.csv"
+    path.write_text("time_s,a_x,a_y,a_z\n0,0,0,0\n0.1,0.1,0,0\n0.2,0.2,0,0.1\n")
+    script = (
+        f"import sys, contextlib; sys.argv = ['mocap', 'info', {str(path)!r}]; import mocap.cli.main as m\n"
+        "with contextlib.suppress(SystemExit): m.main()\n"
+        "print(*sorted({'pandas', 'scipy.stats', 'filterpy', 'rich.markdown'} & set(sys.modules)), file=sys.stderr)"
+    )
+    found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "1 point, 3 frames" in found.stdout
+    assert not found.stderr.split()
+
+
 def test_every_public_name_is_there_and_documented():
     """Each name of ``__all__`` exists, is listed by dir, and has a docstring."""
     for name in mocap.__all__:
@@ -85,7 +100,7 @@ def test_a_recording_shows_what_it_holds(recording, twin):
 
 def test_markers_are_laid_out_as_the_tracker_has_them(tracked):
     """Positions, covariance and status by name are those of the arrays that the tracker returned."""
-    markers, data = tracked.run.tracked.markers, tracked.markers
+    markers, data = tracked.tracks, tracked.markers
     name, t = markers.names[7], 40
     one = data.sel(keypoint=name, individual="id_0").isel(time=t)
     np.testing.assert_array_equal(one["position"].sel(space=["x", "y", "z"]), markers.xyz_m[t, 7])
@@ -119,19 +134,19 @@ def test_what_was_saved_is_loaded_to_the_last_bit(tracked, saved):
     xr.testing.assert_identical(again.markers, tracked.markers)
     for name, joint in tracked.joints.items():
         pd.testing.assert_frame_equal(again.joints[name].to_dataframe(), joint.to_dataframe(), check_exact=True)
-    for name, potential in tracked.run.potentials.items():
+    for name, potential in tracked.potentials.items():
         q = potential.samples_m[::7] * 1.1
         np.testing.assert_array_equal(again.potential(name).value(q), tracked.potential(name).value(q))
-    for name, potential in tracked.run.spatial_potentials.items():
+    for name, potential in tracked.spatial_potentials.items():
         q = potential.samples_m[::7] * 1.1
-        np.testing.assert_array_equal(again.run.spatial_potentials[name].value(q), potential.value(q))
-    assert again.run.tracked.model == tracked.run.tracked.model
+        np.testing.assert_array_equal(again.spatial_potentials[name].value(q), potential.value(q))
+    assert again.model == tracked.model
     for name in ("reprojected_px", "innovation_px", "used", "nis", "n_rows", "log_likelihood"):
-        np.testing.assert_array_equal(getattr(again.run.tracked, name), getattr(tracked.run.tracked, name))
-    np.testing.assert_array_equal(again.run.ideal_px.uv_px, tracked.run.ideal_px.uv_px)
-    assert again.run.skeleton == tracked.run.skeleton
+        np.testing.assert_array_equal(getattr(again, name), getattr(tracked, name))
+    np.testing.assert_array_equal(again.ideal_px, tracked.ideal_px)
+    assert again.skeleton == tracked.skeleton
     assert again.report == json.loads(json.dumps(tracked.report))
-    assert again.run.report_text == tracked.run.report_text
+    assert again.report_text == tracked.report_text
 
 
 def test_every_file_and_column_is_documented(tracked, saved):
@@ -143,9 +158,11 @@ def test_every_file_and_column_is_documented(tracked, saved):
         c for c in pd.read_csv(saved.folder / "kinematics.csv", nrows=0) if not c.endswith(("_sd", "_status"))
     ]
     assert not columns.undocumented(quantities, "kinematics.csv", names)
-    for table in ("markers.nc", "kinematics.nc", "motion.nc"):
+    for table in ("markers.nc", "kinematics.nc"):
         with xr.open_dataset(saved.folder / table, engine="h5netcdf") as found:
             assert not columns.undocumented(map(str, found.variables), table, {}), table
+    with xr.open_dataset(saved.folder / "recording.nc", engine="h5netcdf") as found:
+        assert set(found.data_vars) <= set(VARIABLES)  # which the page of the record is made of
     report = json.loads((saved.folder / "report.json").read_text())
     assert not columns.undocumented(report, "report.json", {})
     with np.load(next((saved.folder / "potentials").iterdir())) as arrays:
@@ -156,9 +173,9 @@ def test_every_file_and_column_is_documented(tracked, saved):
 
 def documented_names(result):
     """What the page's ``<marker>``, ``<joint>``, ... stand for in a result."""
-    skeleton, measures = result.run.skeleton, result.run.skeleton.measures
+    skeleton, measures = result.skeleton, result.skeleton.measures
     return {
-        "marker": result.run.tracked.markers.names,
+        "marker": result.tracks.names,
         "joint": [joint.name for joint in skeleton.joints],
         "axis": "xyz",
         "stroke": list(measures.strokes),
@@ -186,7 +203,7 @@ def test_saving_again_needs_to_be_told(tracked, saved):
 
 def test_a_folder_without_a_result_is_refused(tmp_path):
     """The message names the folder and what was expected."""
-    with pytest.raises(mocap.MocapError, match=r"contains no markers\.nc: expected a folder that .*track"):
+    with pytest.raises(mocap.MocapError, match=r"contains no recording\.nc: expected a folder that .*track"):
         mocap.load(tmp_path)
 
 
@@ -194,8 +211,8 @@ def test_our_own_reader_reads_what_was_saved(tracked, saved):
     """markers.nc is a movement file: positions, status and rate come back."""
     found = read_file(saved.folder / "markers.nc")
     assert found.points is not None
-    np.testing.assert_array_equal(found.points.xyz_m, tracked.run.tracked.markers.xyz_m)
-    np.testing.assert_array_equal(found.points.status, tracked.run.tracked.markers.status)
+    np.testing.assert_array_equal(found.points.xyz_m, tracked.tracks.xyz_m)
+    np.testing.assert_array_equal(found.points.status, tracked.tracks.status)
     assert found.fps == pytest.approx(250.0)
     assert found.unit == "m"
 
@@ -209,7 +226,7 @@ def test_objects_travel_between_processes(recording, tracked):
 
 def test_the_gradient_of_a_joints_potential_is_its_slope(tracked):
     """Central differences of the value in metres; their error is of second order in a step of 1e-6 of the range."""
-    name = next(iter(tracked.run.potentials))
+    name = next(iter(tracked.potentials))
     potential = tracked.potential(name)
     samples = potential.samples_m
     q = samples.mean(axis=0) + 0.4 * (samples.max(axis=0) - samples.min(axis=0))
@@ -225,7 +242,7 @@ def test_plots_show_the_samples_they_are_of(tracked):
     """The lines of a joint are its coordinates in mm; the points of a potential its samples."""
     from matplotlib import pyplot
 
-    name = next(iter(tracked.run.potentials))
+    name = next(iter(tracked.potentials))
     joint = tracked.joints[name]
     lines = joint.plot().get_lines()
     np.testing.assert_allclose(lines[0].get_ydata(), 1e3 * joint.q_m["limb"][:, 0])

@@ -117,7 +117,7 @@ def assert_intervals_hold(report):
 
 def test_every_quantity_of_the_demo_is_documented(demo):
     """Joints with stated axes, strokes, spans, areas and centres of mass among them."""
-    result = Tracked(demo)
+    result = Tracked.of(demo)
     assert not columns.undocumented(result.kinematics, "kinematics.csv", documented_names(result))
     assert not columns.undocumented(result.cycles.columns, "cycles.csv", {})
     assert not columns.undocumented(demo.report, "report.json", {})
@@ -147,8 +147,8 @@ def test_pixels_without_any_noise_are_tracked():
     pixels = replace(bat.pixels, uv_px=uv)
     prepared = clean(of_pixels(pixels, bat.cameras, Skeleton(name="bat", markers=pixels.names), name="bat"))
     run, _ = run_job(prepared, validated=False)
-    assert run.tracked.model == "mixture"
-    markers = run.tracked.markers
+    assert run.model == "mixture"
+    markers = run.tracks
     miss = np.linalg.norm(markers.xyz_m[hidden, wrist] - bat.truth.xyz_m[hidden, wrist], axis=1)
     assert miss.max() < 0.003
     assert np.nanmin(markers.sd_m) > 1e-7

@@ -14,7 +14,7 @@ from mocap.pipeline.calibration_files import table
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.report import make_report, readable
-from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
+from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
 
 HOSTILE = (
     "a|b", "`rm`", "<img src=x onerror=alert(1)>", "[red]x[/red]", "![x](http://x)", "*bold*", "_it_", "a\\|b", "&lt;",
@@ -78,7 +78,7 @@ def test_a_report_of_hostile_names(tmp_path):
     prepared = replace(prepared, data=data, findings=(*readings(HOSTILE), *prepared.findings))
     part = seen_part(prepared)
     model = learn_motion(prepared, part, "constant_velocity")
-    tracked = tracked_motion(prepared, part, "constant_velocity", track(prepared, part, model))
+    tracked = with_track(prepared, part, "constant_velocity", track(prepared, part, model))
     report = make_report(prepared, part, tracked, {}, why_model="a|b", validation={}, hidden=0, seconds={})
     numbers = ("samples", "effective_rank", "v_at_samples_median", "width", "lambda", "weight")
     report["joints"] = {name: dict.fromkeys(numbers, 1.0) | {"metric": "whitened"} for name in HOSTILE}

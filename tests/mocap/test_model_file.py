@@ -24,7 +24,7 @@ def test_every_choice_is_kept(small, tmp_path):
     kind = PoseSettings(
         ranks=(1, 7),
         potential="none",
-        body=1 / 3,
+        bones=1 / 3,
         process_noise=1e-7,
         covariance=(0.1, -1 / 3),
     )

@@ -18,7 +18,7 @@ from mocap.filters.observations import PositionObservations
 from mocap.pipeline.model_settings import read, written
 from tests.filters.test_gaps_in_trials import trial_of
 
-POSE = PoseSettings(ranks=(2,), body=1 / 3)
+POSE = PoseSettings(ranks=(2,), bones=1 / 3)
 EXAMPLES = {
     "articulated": ArticulatedSettings(pose=POSE),
     "constant velocity": MarkerSettings(acceleration=0.1),

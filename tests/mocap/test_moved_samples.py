@@ -10,7 +10,7 @@ from mocap.filters.records import Estimate
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.moved import moved_report
 from mocap.pipeline.recording import of_points
-from mocap.pipeline.tracking import seen_part, tracked_motion
+from mocap.pipeline.tracking import seen_part, with_track
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
 
@@ -42,7 +42,7 @@ def tracked(prepared, xyz_m):
         log_likelihood=0.0,
     )
     observed = [believed] * len(xyz_m)
-    return tracked_motion(prepared, part, "test", Estimate(xyz_m=xyz_m, cov_m2=cov, observed=observed))
+    return with_track(prepared, part, "test", Estimate(xyz_m=xyz_m, cov_m2=cov, observed=observed))
 
 
 def test_a_sample_that_the_track_leaves_is_rejected(prepared):
@@ -50,7 +50,7 @@ def test_a_sample_that_the_track_leaves_is_rejected(prepared):
     aside = prepared.xyz_m.copy()
     aside[10, 3, 0] += 5e-3
     aside[20, 4, 1] += 3e-3
-    found = tracked(prepared, aside).markers
+    found = tracked(prepared, aside).tracks
     assert found.status[10, 3] == Status.REJECTED
     assert found.status[20, 4] == Status.MEASURED
     seen = np.isfinite(prepared.xyz_m[..., 0])
@@ -64,7 +64,7 @@ def test_how_far_samples_were_moved_is_told(prepared):
     aside[..., 2] += 1e-3
     aside[10, 3, 2] += 6e-3
     aside[20, 4, 2] += 2e-3
-    told = moved_report(prepared, tracked(prepared, aside).markers)
+    told = moved_report(prepared, tracked(prepared, aside).tracks)
     assert told["median_mm"] == pytest.approx(1.0)
     assert told["90%_mm"] == pytest.approx(1.0)
     assert told["largest"] == {"frame": 11, "marker": prepared.names[3], "mm": pytest.approx(7.0)}
@@ -75,5 +75,5 @@ def test_how_far_samples_were_moved_is_told(prepared):
 def test_nothing_measured_was_moved(prepared):
     """Without a measured sample there is nothing to tell."""
     none = prepared.having(position=np.full_like(prepared.xyz_m, np.nan))
-    markers = tracked(prepared, prepared.xyz_m).markers
+    markers = tracked(prepared, prepared.xyz_m).tracks
     assert moved_report(none, markers)["largest"] is None

@@ -42,7 +42,7 @@ def test_intervals_hold_in_the_picture(film, tracked):
     Errors of neighbouring frames go together, which is why the second bound is low.
     """
     _, truth, _ = film
-    markers = tracked.run.tracked.markers
+    markers = tracked.tracks
     error = 1e3 * markers.xyz_m[..., :2] - truth
     sd = 1e3 * np.sqrt(np.diagonal(markers.cov_m2, axis1=-2, axis2=-1)[..., :2])
     share = {s: np.mean(np.abs(error) < 1.96 * sd, where=(markers.status == s)[..., None]) for s in (1, 4)}
@@ -59,7 +59,7 @@ def test_files_speak_of_pixels(film, tracked, tmp_path):
     tracked.save(tmp_path / "out")
     with (tmp_path / "out" / "markers.csv").open() as stream:
         rows = list(csv.DictReader(stream))
-    name = tracked.run.tracked.markers.names[0]
+    name = tracked.tracks.names[0]
     fields = ("x_px", "y_px", "sd_px", "origin")
     assert [c for c in rows[0] if c.startswith(f"{name}_")] == [f"{name}_{f}" for f in fields]
     found = np.array([[float(row[f"{name}_x_px"]), float(row[f"{name}_y_px"])] for row in rows])
@@ -91,7 +91,7 @@ def test_a_scale_makes_metres(film, tracked):
     a, b = (r.markers["position"].values for r in (tracked, scaled))
     np.testing.assert_allclose(b, 5e-5 * a, rtol=0, atol=5e-5 * 0.2)
     assert scaled.markers["position"].attrs["units"] == "m"
-    assert "0.05 mm per pixel" in scaled.run.report_text
+    assert "0.05 mm per pixel" in scaled.report_text
 
 
 def test_what_one_film_cannot_give_is_refused(film):
@@ -117,6 +117,6 @@ def test_clicks_that_a_network_doubts_are_not_used(tmp_path):
         rows.append(f"{i},{x + 40 * doubted},{y},{0.2 if doubted else 0.99}")
     (tmp_path / "film.csv").write_text("\n".join(rows) + "\n")
     found = mocap.track(mocap.read(tmp_path / "film.csv", fps=50), model="constant_velocity", validate=False)
-    assert "3 clicks (5.0%) have a likelihood below 0.6" in found.run.report_text
+    assert "3 clicks (5.0%) have a likelihood below 0.6" in found.report_text
     x = found.markers["position"].values[:, 0, 0, 0]
     assert np.abs(x - (100 + 2.0 * t)).max() < 3

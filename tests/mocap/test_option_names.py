@@ -1,6 +1,7 @@
 """Errors of the library name its arguments, those of the command line its options; options come as records."""
 
 import inspect
+import re
 import sys
 
 import pytest
@@ -85,3 +86,19 @@ def test_earlier_names_of_options_still_work():
     found = {o for c in typer.main.get_command(app).commands.values() for p in c.params for o in p.opts}
     assert {"--dlt", "--dlt-origin", "--in-step", "--video-straight"} <= found
     assert {"--calibration", "--calibration-origin", "--correct-lag", "--video-undistorted"} <= found
+
+
+def test_help_of_a_switch_tells_what_the_name_that_is_shown_does():
+    """--no-X is shown of a switch that is on, and told as such; of one without a default both names are shown."""
+    found = 0
+    for name, command in typer.main.get_command(app).commands.items():
+        switches = [p for p in command.params if getattr(p, "secondary_opts", [])]
+        page = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "200"}).output if switches else ""
+        for one in switches:
+            hidden = {True: one.opts, False: one.secondary_opts, None: []}[one.default]
+            shown = {*one.opts, *one.secondary_opts} - {*hidden}
+            assert {o for o in (*one.opts, *one.secondary_opts) if f" {o} " in page} == shown, name
+            assert one.default is not True or re.search(r"\b([Nn]o|not)\b", one.help), (name, one.opts)
+            found += 1
+        assert "[default: True]" not in page, name
+    assert found > 3

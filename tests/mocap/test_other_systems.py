@@ -4,6 +4,7 @@ import ctypes
 import errno
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,9 +19,10 @@ from mocap.io.head import head
 from mocap.io.manifest import MANIFEST, current
 from mocap.io.output import result_folder
 from mocap.io.windows import limit_memory
-from mocap.pipeline.run import JointPotential
+from mocap.pipeline.parts import JointPotential
 from mocap.results import stored
 from mocap.text import file_names
+from tests.mocap.rerun.flapping import make_run
 
 
 @pytest.mark.parametrize(
@@ -45,7 +47,7 @@ def test_files_are_apart_where_case_is_ignored(names, files):
     assert file_names(names) == files
 
 
-def test_potentials_of_joints_that_differ_in_case_are_kept_apart(tmp_path, monkeypatch):
+def test_potentials_of_joints_that_differ_in_case_are_kept_apart(tmp_path):
     """Both are written, to files that a disk that ignores case keeps apart, and the result says which is whose."""
 
     class Saved:
@@ -53,11 +55,7 @@ def test_potentials_of_joints_that_differ_in_case_are_kept_apart(tmp_path, monke
             path.write_bytes(b"")
 
     one = JointPotential(joint="j", frame="plane", scale_m=1.0, samples_m=np.zeros((2, 2)), potential=Saved())  # type: ignore[arg-type]
-    run = SimpleNamespace(potentials={"elbow_l": one, "Elbow_l": one}, spatial_potentials={}, tracked=None)
-    run.repaired = run.motion = run.skeleton = None
-    for name in ("markers_dataset", "as_netcdf", "_rest", "_motion", "write_skeleton"):
-        monkeypatch.setattr(stored, name, lambda *_, **__: b"")
-    stored.write_arrays(run, tmp_path)  # type: ignore[arg-type]
+    stored.write_arrays(replace(make_run(n_frames=5), potentials={"elbow_l": one, "Elbow_l": one}), tmp_path)
     assert sorted(p.name for p in (tmp_path / "potentials").iterdir()) == ["Elbow_l_2.npz", "elbow_l.npz"]
 
 

@@ -189,7 +189,7 @@ def test_what_no_skeleton_comes_from(tmp_path):
         titles = ",".join(f"m{m}_{axis}" for m in range(count) for axis in "xyz")
         rows = "\n".join(",".join(map(repr, row.ravel().tolist())) for row in way[:, :count])
         (tmp_path / f"{count}.csv").write_text(f"{titles}\n{rows}\n")
-    with pytest.raises(MocapError, match="shows 1 markers"):
+    with pytest.raises(MocapError, match="shows 1 marker;"):
         propose_skeleton(read(tmp_path / "1.csv", fps=100))
     found = propose_skeleton(read(tmp_path / "4.csv", fps=100))
     assert (found.skeleton.bones, found.skeleton.trunk, found.skeleton.joints) == ((), (), ())
@@ -238,7 +238,19 @@ def test_track_takes_the_proposal_of_a_real_bat(mocap, tmp_path):
     assert any("mocap skeleton" in finding and "give it as `skeleton`" in finding for finding in findings)
 
 
-def test_a_skeleton_is_written_where_it_is_wanted(mocap, tmp_path):
+def test_one_is_no_plural(mocap, tmp_path):
+    """Three markers that move as one: one rigid body, one joint of none."""
+    t = np.arange(40)[:, None, None] / 40
+    xyz = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]) + t * [1.0, 0.3, 0.2]
+    rows = "\n".join(",".join(f"{v:.6f}" for v in row) for row in xyz.reshape(40, 9))
+    path = tmp_path / "a_xyzpts.csv"
+    path.write_text("a_x,a_y,a_z,b_x,b_y,b_z,c_x,c_y,c_z\n" + rows)
+    code, _, err = mocap("skeleton", path, "--fps", 100, "--unit", "m")
+    assert code == 0, err
+    assert "1 rigid body, 0 joints" in err
+
+
+def test_a_skeleton_is_written_where_it_is_wanted(mocap, tmp_path, monkeypatch):
     """--out writes what is printed otherwise, and what is there is not replaced unasked."""
     files = write_recording(make_lizard(seed=3, n_frames=150), tmp_path / "in", others=True)
     path = tmp_path / "out" / "lizard.toml"
@@ -246,6 +258,7 @@ def test_a_skeleton_is_written_where_it_is_wanted(mocap, tmp_path):
     assert (code, out) == (0, b""), err
     code, out, _ = mocap("skeleton", files["points"], "--fps", 100)
     assert out == path.read_bytes()
+    monkeypatch.setattr("mocap.pipeline.propose_skeleton.propose_skeleton", None)  # it is refused before the work
     code, _, err = mocap("skeleton", files["points"], "--fps", 100, "--out", path)
     assert code == 1
     assert "--force" in err

@@ -17,7 +17,7 @@ MOST = 1500
 
 @pytest.fixture(scope="module")
 def result():
-    return Tracked(make_run(n_frames=60))
+    return Tracked.of(make_run(n_frames=60))
 
 
 def objects(one, path="res"):
@@ -50,7 +50,7 @@ def objects(one, path="res"):
 def test_no_object_prints_its_arrays(result):
     """Markers, kinematics, plots, joints, potentials and what they are made of: each in at most 1500 characters."""
     found = objects(result)
-    assert {"Tracked", "Kinematics", "Quantity", "Plots", "Run", "MarkerTracks"} <= {kind.__name__ for kind in found}
+    assert {"Tracked", "Kinematics", "Quantity", "Plots", "MarkerTracks"} <= {kind.__name__ for kind in found}
     long = {path: len(repr(value)) for path, value in found.values() if len(repr(value)) > MOST}
     assert not long
 
@@ -62,8 +62,8 @@ def test_keys_complete(result):
 
 def test_a_result_shows_itself(result):
     """Numbers, a picture of the animal, and lines to go on with, each of which runs; names are text."""
-    named = dataclasses.replace(result.run, name="<b>x</b>")
-    page = Tracked(named)._repr_html_()
+    named = dataclasses.replace(result, name="<b>x</b>")
+    page = named._repr_html_()
     assert "<b>x</b>" not in page.replace("<b>&lt;b&gt;", "")
     assert "data:image/png;base64," in page
     assert len(page) < 200_000

@@ -127,7 +127,7 @@ def test_a_result_is_written_by_two_processes_as_by_one(tmp_path):
     files = write_recording(bat, tmp_path / "in")
     recording = read(files["pixels"], calibration=files["coefficients"], skeleton=files["skeleton"], fps=bat.fps)
     run, _ = run_job(recording, model="constant_velocity", validated=False)
-    result = mocap.Tracked(run)
+    result = mocap.Tracked.of(run)
     result.save(tmp_path / "one")
     with mocap.processes(2):
         result.save(tmp_path / "two")

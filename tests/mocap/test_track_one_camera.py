@@ -60,14 +60,14 @@ def read(files, **stated):
 def test_positions_statuses_and_velocities_are_there_as_from_many_cameras(files, learned):
     """Positions within 2 % of the distance, a gap that is smoothed, kinematics with deviations."""
     found = mocap.track(read(files), model=learned)
-    tracked = found.run.tracked.markers
+    tracked = found.tracks
     truth = flapping(9).xyz_m - [0.0, 0.0, 1.0]
     error = np.linalg.norm(tracked.xyz_m - truth, axis=-1)
     assert np.nanmedian(error) < 0.03
     tip = NAMES.index("tip_l")
     assert (tracked.status[50:70, tip] == 4).all()
     assert (tracked.status[:50, tip] == 1).all()
-    assert np.isfinite(found.run.motion.velocity_m_s[1:-1]).all()
+    assert np.isfinite(found.motion.velocity_m_s[1:-1]).all()
     assert any("one camera alone" in said for said in found.report["findings"])
     assert "size of the animal is the model's" in found.report["model"]["why"]
 

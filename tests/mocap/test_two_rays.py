@@ -194,5 +194,5 @@ def test_long_recordings_are_checked_block_by_block(scene, learned):
     run, _, findings = track_block(long, learn_once(long, learned=learned), range(100))
     asked = unconfirmed(prepared(bat, film))[:, wrong]
     assert asked.sum() > 15
-    assert (run.tracked.markers.status[asked, wrong] == Status.REJECTED).all()
+    assert (run.tracks.status[asked, wrong] == Status.REJECTED).all()
     assert any("meet away from where the motion" in found.text for found in findings)

@@ -12,7 +12,7 @@ import numpy as np
 
 import mocap
 
-markers = mocap.load("out/demo").run.tracked.markers
+markers = mocap.load("out/demo").tracks
 error = markers.xyz_m - mocap.datasets.bat(seed=0).truth.xyz_m
 sd = np.sqrt(np.diagonal(markers.cov_m2, axis1=-2, axis2=-1))
 x = np.linspace(-4, 4, 81)

@@ -77,7 +77,7 @@ result.plot.over_time("elbow_l_flexion_deg", "elbow_r_flexion_deg")
 # %%
 # How close to the truth? The films are synthetic, so we know.
 
-error = np.linalg.norm(result.run.tracked.markers.xyz_m - flight.truth.xyz_m, axis=-1)
+error = np.linalg.norm(result.tracks.xyz_m - flight.truth.xyz_m, axis=-1)
 print(f"markers {1e3 * np.nanmedian(error):.2f} mm off (median), 90 % within {1e3 * np.nanquantile(error, 0.9):.2f} mm")
 
 # %%

@@ -57,7 +57,7 @@ learned = mocap.track(third, model=model, validate=False)
 alone = mocap.track(third, model="constant_velocity", validate=False)
 
 for name, result in (("learned from two flights", learned), ("constant velocity", alone)):
-    error = result.run.tracked.markers.xyz_m[gap][:, hand] - truth.xyz_m[gap][:, hand]
+    error = result.tracks.xyz_m[gap][:, hand] - truth.xyz_m[gap][:, hand]
     print(f"{name:26} {1e3 * np.sqrt((error**2).sum(axis=-1).mean()):6.2f} mm RMSE in the gap")
 
 # %%
@@ -69,7 +69,7 @@ import matplotlib.pyplot as plt
 m = truth.names.index("d3_tip_l")
 window = slice(25, 80)
 for name, result in (("learned", learned), ("constant velocity", alone)):
-    markers = result.run.tracked.markers
+    markers = result.tracks
     z, sd = markers.xyz_m[window, m, 2], np.sqrt(markers.cov_m2[window, m, 2, 2])
     plt.plot(markers.t_s[window], 1e3 * z, label=name)
     plt.fill_between(markers.t_s[window], 1e3 * (z - 1.96 * sd), 1e3 * (z + 1.96 * sd), alpha=0.2)

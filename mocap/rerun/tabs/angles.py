@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity, Rests
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import time_columns
 from mocap.rerun.layout import Layout
@@ -25,9 +25,9 @@ _COLUMN = 5
 """More plots take two columns."""
 
 
-def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """A line with its band for each quantity, and a lane for each limb that beats or steps."""
-    t_s = run.tracked.markers.t_s
+    t_s = run.t_s
     for group, quantities in layout.angles.items():
         for one in quantities:
             _log_quantity(rec, group, one, t_s)

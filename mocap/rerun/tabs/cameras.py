@@ -6,8 +6,7 @@ import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
-from mocap.pipeline.run import Run
-from mocap.records import PixelTracks, TrackedMotion
+from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import Single, changing, segments, single, time_columns
 from mocap.rerun.layout import Layout
@@ -24,14 +23,14 @@ _LOOKS = {  # colour, radius in points of the screen, drawn over those with a lo
 }
 
 
-def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Cameras, their pixels with residuals, and their movies."""
     scene = layout.scene
     log_cameras(rec, scene)
-    if run.ideal_px is not None:
-        log_pixels(rec, scene, run.ideal_px, run.tracked)
+    if run.cameras:
+        log_pixels(rec, scene, run)
     for view, camera, footage in zip(scene.cameras, run.cameras, run.footage, strict=False):
-        log_video(rec, view, camera, footage, run.tracked.markers.t_s)
+        log_video(rec, view, camera, footage, run.t_s)
 
 
 def tab(layout: Layout) -> rrb.Container | None:
@@ -67,20 +66,20 @@ def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
         rec.log(f"{paths.image(camera.name)}/border", rr.LineStrips2D([border], **look), static=True)
 
 
-def log_pixels(rec: rr.RecordingStream, scene: Scene, pixels: PixelTracks, tracked: TrackedMotion) -> None:
+def log_pixels(rec: rr.RecordingStream, scene: Scene, run: Recording) -> None:
     """In each camera: pixels that were used, pixels that were not, reprojections, and residual whiskers.
 
     A whisker starts at the measured pixel and points to the reprojection, ``WHISKER_SCALE`` times as far.
     """
     for c, camera in enumerate(scene.cameras):
-        used = tracked.used[c][..., None]
-        measured = single(camera.pixels(pixels.uv_px[c]))
-        reprojected = single(camera.pixels(tracked.reprojected_px[c]))
+        used = run.used[c][..., None]
+        measured = single(camera.pixels(run.ideal_px[c]))
+        reprojected = single(camera.pixels(run.reprojected_px[c]))
         believed = np.where(used, measured, np.float32(np.nan))
-        _log_points(rec, pixels.t_s, camera, "measured", believed)
-        _log_points(rec, pixels.t_s, camera, "reprojected", reprojected)
-        _log_points(rec, pixels.t_s, camera, "rejected", np.where(used, np.float32(np.nan), measured))
-        _log_whiskers(rec, pixels.t_s, camera, believed, reprojected)
+        _log_points(rec, run.t_s, camera, "measured", believed)
+        _log_points(rec, run.t_s, camera, "reprojected", reprojected)
+        _log_points(rec, run.t_s, camera, "rejected", np.where(used, np.float32(np.nan), measured))
+        _log_whiskers(rec, run.t_s, camera, believed, reprojected)
 
 
 def _log_points(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, name: str, uv_px: Single) -> None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from eal.arrays import Array
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.camera_errors import usual_limit
 from mocap.rerun.gaps import gap_lanes_view, log_gaps
@@ -22,14 +22,13 @@ _LINES = 4
 """More cameras are rows of a map."""
 
 
-def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Innovations and residuals of each camera, normalised innovation with its band, likelihood, rows; lanes of gaps.
 
     Cameras are lines, and rows of a map, in which more than a few can be told apart.
     """
-    tracked, errors = run.tracked, layout.errors
-    t_s = tracked.markers.t_s
-    log_gaps(rec, tracked.markers)
+    t_s, errors = run.t_s, layout.errors
+    log_gaps(rec, run.tracks)
     if errors is not None:
         colors = [palette.of_series(c) for c in range(len(errors.cameras))]
         for lines, rows, values in (
@@ -39,14 +38,14 @@ def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
             log_line(rec, lines, t_s, values.T, name=errors.cameras, color=colors)
             picture = amounts(values, usual_limit(values))
             log_row_map(rec, rows, picture, names=errors.cameras, t_s=t_s, size=WIDE)
-    low, high = nis_band(tracked.n_rows)
+    low, high = nis_band(run.n_rows)
     with np.errstate(divide="ignore", invalid="ignore"):
-        nis = np.where(tracked.n_rows > 0, tracked.nis / tracked.n_rows, np.nan)
+        nis = np.where(run.n_rows > 0, run.nis / run.n_rows, np.nan)
     band = np.column_stack([low, high])
     log_line(rec, f"{paths.NIS}/band", t_s, band, name=("2.5 %", "97.5 %"), color=palette.GREY)
     log_line(rec, f"{paths.NIS}/value", t_s, nis, name="NIS (expected 1)", color=palette.SKY_BLUE)
-    log_line(rec, paths.LOG_LIKELIHOOD, t_s, tracked.log_likelihood, name="log-likelihood", color=palette.GREEN)
-    log_line(rec, paths.ROWS, t_s, tracked.n_rows.astype(np.float64), name="rows", color=palette.ORANGE)
+    log_line(rec, paths.LOG_LIKELIHOOD, t_s, run.log_likelihood, name="log-likelihood", color=palette.GREEN)
+    log_line(rec, paths.ROWS, t_s, run.n_rows.astype(np.float64), name="rows", color=palette.ORANGE)
 
 
 def tab(layout: Layout) -> rrb.Container:

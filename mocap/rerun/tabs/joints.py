@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.records import JointTracks
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import Single, segments, single, time_columns
@@ -31,11 +31,11 @@ CHART_SIZE = (160.0, 100.0)
 """Width and height of the chart of eigenvalues, in units of its view."""
 
 
-def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Coordinates, potentials in the planes of limbs, and potentials in the body."""
-    t_s = run.tracked.markers.t_s
+    t_s = run.t_s
     for name, frame in layout.joint_frames.items():
-        _log_coordinates(rec, run.joints[frame], name)
+        _log_coordinates(rec, run.joint_tracks[frame], name)
     for name, land in layout.landscapes.items():
         _log_potential(rec, name, t_s, land)
     for name, cloud in layout.blocks.items():

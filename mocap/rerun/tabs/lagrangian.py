@@ -4,7 +4,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.layout import Layout
 from mocap.rerun.rows import rows
@@ -15,11 +15,11 @@ _NEAR = 3.0
 """Bounds of more than so many times the greatest V_z are out of the picture."""
 
 
-def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Three lines; nothing where no Lagrangian was tracked."""
     if layout.energies is None:
         return
-    t_s = run.tracked.markers.t_s
+    t_s = run.t_s
     energy, value, bound = layout.energies.T
     log_line(rec, f"{paths.VALLEY}/bound", t_s, bound, name="bound (Theorem 3)", color=palette.GREY)
     log_line(rec, f"{paths.VALLEY}/value", t_s, value, name="V_z", color=palette.SKY_BLUE)

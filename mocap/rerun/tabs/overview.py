@@ -3,7 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.rerun.gaps import gap_map_view, log_gap_map
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import log_looks, log_markers, log_trails, log_uncertainty
@@ -14,9 +14,9 @@ from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene
 _TILES = 4
 
 
-def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """World, markers with their uncertainty and trails, and the map of gaps."""
-    scene, markers = layout.scene, run.tracked.markers
+    scene, markers = layout.scene, run.tracks
     log_world(rec, scene, names=markers.names, skeleton=run.skeleton)
     log_axes(rec, scene)
     log_looks(rec, len(markers.names))

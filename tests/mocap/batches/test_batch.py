@@ -91,7 +91,7 @@ def test_each_trial_is_tracked_as_by_itself(lab, undisturbed, tmp_path):
         library.read(lab / "animal1/t3_xyzpts.csv", fps=FPS), model="constant_velocity", validate=False
     )
     alone.save(tmp_path / "alone")
-    same = ("markers.csv", "markers.nc", "kinematics.csv", "motion.nc", "run.nc", "cycles.csv", "angles.csv")
+    same = ("markers.csv", "markers.nc", "kinematics.csv", "recording.nc", "cycles.csv", "angles.csv")
     for name in same:
         assert (out / "animal1/t3" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
     summary = pd.read_csv(out / "summary.csv").set_index("trial")

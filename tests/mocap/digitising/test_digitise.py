@@ -338,9 +338,9 @@ def test_dots_are_looked_for_where_a_lost_marker_may_be(result):
     engine = deepcopy(result).engine
     state = unpacked(engine.tracks.forward[20])
     tail = NAMES.index("tail")
-    state.x[tail, :3] += [0.0, 0.0, -0.06]
+    state.mean[tail, :3] += [0.0, 0.0, -0.06]
     state.cov[tail, :3, :3] = 0.01 * np.eye(3)
-    uv = _ideal(engine.cameras, state.x[tail, :3])
+    uv = _ideal(engine.cameras, state.mean[tail, :3])
     for camera, window, ideal in zip(engine.cameras, engine._windows(state), uv, strict=True):
         at = camera.lens.distort(ideal)
         left, top, right, bottom = window

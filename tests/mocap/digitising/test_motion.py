@@ -3,9 +3,11 @@
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from mocap.digitising.motion import JERK, STEP, State, fused, jerk_density, positioned, predicted
+from mocap.digitising import motion
+from mocap.digitising.motion import JERK, State, fused, jerk_density, positioned, predicted
 
 RNG = np.random.default_rng(0)
+STEP = np.kron(motion.STEP, np.eye(3))
 
 
 def random_state(n):
@@ -25,11 +27,11 @@ def test_prediction_and_update_are_filterpys():
     after = positioned(ahead, xyz, ahead.cov_m2 - gain @ ahead.cov_m2, np.ones(3, dtype=bool))
     for m in range(3):
         kf = KalmanFilter(dim_x=9, dim_z=3)
-        kf.x, kf.P, kf.F, kf.Q = state.x[m].copy(), state.cov[m].copy(), STEP, density[m] * JERK
+        kf.x, kf.P, kf.F, kf.Q = state.mean[m].copy(), state.cov[m].copy(), STEP, density[m] * JERK
         kf.H, kf.R = np.eye(3, 9), noise
         kf.predict()
         kf.update(z[m])
-        np.testing.assert_allclose(after.x[m], kf.x, atol=1e-9)
+        np.testing.assert_allclose(after.mean[m], kf.x, atol=1e-9)
         np.testing.assert_allclose(after.cov[m], kf.P, atol=1e-9)
 
 
@@ -63,7 +65,7 @@ def test_two_filters_are_the_smoother():
     for i in (3, 6, 9):
         both = fused(forward[i][1], backward[i][0].turned())
         # the backward filter begins with a wide prior of its own: 1e-4 of information
-        np.testing.assert_allclose(both.x[0], np.ravel(smooth[i]), atol=2e-3)
+        np.testing.assert_allclose(both.mean[0], np.ravel(smooth[i]), atol=2e-3)
         np.testing.assert_allclose(both.cov_m2[0], smooth_cov[i][:3, :3], atol=1e-5)
 
 

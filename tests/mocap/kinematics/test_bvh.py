@@ -67,13 +67,13 @@ def run():
 @pytest.fixture(scope="module")
 def text(run, tmp_path_factory):
     path = tmp_path_factory.mktemp("bvh") / "a.bvh"
-    Tracked(run).export_kinematics(path)
+    Tracked.of(run).export_kinematics(path)
     return path.read_text()
 
 
 def kept(run, names):
     """The last marker has no position in the first five frames."""
-    markers = run.tracked.markers
+    markers = run.tracks
     return markers.xyz_m[5:, [markers.names.index(name) for name in names]]
 
 
@@ -104,7 +104,7 @@ def test_rotations_alone_give_the_angles(run, text):
 def test_parts_that_no_bone_joins_hang_on_the_root(run, tmp_path):
     bones = tuple(b for b in run.skeleton.bones if "neck" not in (b.a, b.b) and "rump" not in (b.a, b.b))
     parts = Skeleton(name="parts", markers=run.skeleton.markers, bones=bones)
-    write_bvh(run.tracked.markers, parts, tmp_path / "a.bvh")
+    write_bvh(run.tracks, parts, tmp_path / "a.bvh")
     names, x_cm, _ = forward((tmp_path / "a.bvh").read_text())
     assert (tmp_path / "a.bvh").read_text().count("ROOT") == 1
     np.testing.assert_allclose(x_cm, 100 * kept(run, names), atol=2e-5)
@@ -112,4 +112,4 @@ def test_parts_that_no_bone_joins_hang_on_the_root(run, tmp_path):
 
 def test_without_bones_there_is_no_tree(run, tmp_path):
     with pytest.raises(MocapError, match="no bones"):
-        write_bvh(run.tracked.markers, Skeleton(name="dots", markers=run.skeleton.markers), tmp_path / "a.bvh")
+        write_bvh(run.tracks, Skeleton(name="dots", markers=run.skeleton.markers), tmp_path / "a.bvh")

@@ -12,7 +12,7 @@ from tests.mocap.rerun.flapping import make_run
 
 @pytest.fixture(scope="module")
 def result():
-    return Tracked(make_run(n_frames=30))
+    return Tracked.of(make_run(n_frames=30))
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_an_unknown_kind_is_refused(result, tmp_path):
 
 def test_one_refused_export_leaves_the_others(tmp_path, monkeypatch):
     """What refuses is told, with its reason; what was asked for before and after it is written."""
-    result = Tracked(make_run(n_frames=30))
+    result = Tracked.of(make_run(n_frames=30))
 
     def refuse(*_):
         raise MocapError("no bones")

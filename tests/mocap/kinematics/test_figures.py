@@ -23,7 +23,7 @@ INK = True
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("figures")
-    result = Tracked(make_run(n_frames=60))
+    result = Tracked.of(make_run(n_frames=60))
     result.write_kinematics(folder)
     return result, folder
 
@@ -56,9 +56,9 @@ def test_what_a_page_shows_is_text_and_frames_link_to_the_gaps(written):
     """Names cannot become markup; a frame in a finding is a link to the figure of the gaps, which is there."""
     result, _ = written
     named = "<script>x</script> & _y_"
-    report = {**result.run.report, "wrong": [f"{named} jumps at frame 12"], "findings": []}
+    report = {**result.report, "wrong": [f"{named} jumps at frame 12"], "findings": []}
     run = replace(
-        result.run, name=named, report=report, report_text=f"# {plain(named)}\n\n## {plain(named)}\n\n{plain(named)}\n"
+        result, name=named, report=report, report_text=f"# {plain(named)}\n\n## {plain(named)}\n\n{plain(named)}\n"
     )
     shown = [Picture(name="gaps", caption=named, figure=result.plot.gaps().figure)]
     page = report_page(run, result.kinematics, [], shown, {"gaps": "<svg/>"})
@@ -89,7 +89,7 @@ def test_a_speed_is_never_below_zero():
 def test_a_legend_names_what_is_there(written):
     """Kinds of gaps that no marker has are left out; a figure over time shows how wide its intervals are."""
     result, _ = written
-    markers = result.run.tracked.markers
+    markers = result.tracks
     measured = np.full_like(markers.status, Status.MEASURED)
     measured[3, 0] = Status.REJECTED
     measured[:2, 1] = Status.PREDICTED
@@ -109,7 +109,7 @@ def test_plots_of_the_library_refuse_what_they_cannot_draw(written):
     names = [q.name for q in result.kinematics.quantities]
     degree = next(n for n in names if n.endswith("_deg"))
     assert result.plot.over_time(degree).get_ylabel().endswith("(°)")
-    assert len(result.plot.gaps().get_yticklabels()) == len(result.run.tracked.markers.names)
+    assert len(result.plot.gaps().get_yticklabels()) == len(result.tracks.names)
     with pytest.raises(MocapError, match="one unit"):
         result.plot.over_time(degree, "body_speed_m_s")
     with pytest.raises(MocapError, match="no cycles of 'wing_l'"):

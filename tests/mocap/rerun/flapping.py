@@ -1,5 +1,6 @@
 """A made-up flight, rich in all that a view can show, from closed forms."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,9 +10,11 @@ from eal.arrays import Array
 from eal.kernels import GaussianKernel
 from eal.potential import fit_potential
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
+from mocap.pipeline.parts import JointPotential
 from mocap.pipeline.potentials import SPACE, joint_potentials
-from mocap.pipeline.run import JointPotential, Run
-from mocap.records import JointTracks, MarkerTracks, PixelTracks, Status, TrackedMotion
+from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.track_variables import with_joints, with_motion
+from mocap.records import JointTracks, MarkerTracks, Status
 from mocap.skeleton import Bone, Joint, Skeleton
 
 SIZE_PX = (1280, 800)
@@ -98,7 +101,7 @@ def make_run(
     skew: float = 0.0,
     n_extra: int = 0,
     seed: int = 7,
-) -> Run:
+) -> Recording:
     """A run as the main job would hand it over: gaps in bursts, rejected samples, innovations, potentials."""
     rng = np.random.default_rng(seed)
     body = skeleton(n_extra=n_extra)
@@ -119,21 +122,20 @@ def make_run(
     xyz[origin == Status.MISSING] = np.nan
     cov = np.where(np.isnan(xyz[..., :1, None]), np.nan, sd_m[..., None] ** 2 * np.eye(3))
     markers = MarkerTracks(names=body.markers, t_s=t_s, xyz_m=xyz, cov_m2=cov, status=origin)
-    pixels, tracked = _pixels(cameras, truth, markers, lost, rejected, rng)
+    rays = _pixels(cameras, truth, markers, lost, rejected, rng)
     joints, potentials = _joints(body, truth, t_s, n_joints, rng)
-    return Run(
-        name="flapper-demo",
-        skeleton=body,
+    motion = without_rates(markers.names, t_s, xyz, cov, origin == Status.MEASURED)
+    known = {"status": markers.status, "repaired": np.zeros(origin.shape, dtype=bool), **rays}
+    found = of_points(markers, body, name="flapper-demo")
+    if cameras:
+        found = replace(found, data=found.data.assign_coords(view=np.array([c.name for c in cameras], dtype=object)))
+    data = with_joints(with_motion(found.having(**known).data, motion), joints)
+    return replace(
+        found,
+        data=data.assign_attrs(model="stand-in", y_up=int(y_up)),
         cameras=cameras,
-        ideal_px=pixels,
-        y_up=y_up,
-        tracked=tracked,
-        motion=without_rates(markers.names, t_s, xyz, cov, origin == Status.MEASURED),
-        joints=joints,
         potentials=potentials,
         spatial_potentials=joint_potentials(joints[SPACE], markers, body) if joints else {},
-        repaired=np.zeros((n_frames, n_markers), dtype=bool),
-        report={},
         report_text=_REPORT,
     )
 
@@ -145,7 +147,7 @@ def _pixels(
     lost: Array,
     rejected: Array,
     rng: np.random.Generator,
-) -> tuple[PixelTracks | None, TrackedMotion]:
+) -> dict[str, Array]:
     shape = (len(cameras), *markers.status.shape)
     seen = (rng.random(shape) < 0.9) & ~lost
     exact = project(stacked(cameras), truth) if cameras else np.empty((*shape, 2))
@@ -158,18 +160,13 @@ def _pixels(
     innovation = np.where(seen[..., None], 1.5 * noise, np.nan)
     n_rows = 2 * used.sum(axis=(0, 2)) if cameras else 3 * (~lost).sum(axis=1)
     nis = rng.chisquare(np.maximum(n_rows, 1))
-    tracked = TrackedMotion(
-        model="stand-in",
-        markers=markers,
-        reprojected_px=smoothed,
-        innovation_px=innovation,
-        used=used,
-        nis=np.where(n_rows > 0, nis, np.nan),
-        n_rows=n_rows,
-        log_likelihood=-0.5 * nis - 1.2 * n_rows,
-    )
-    names = tuple(c.name for c in cameras)
-    return (PixelTracks(names=markers.names, cameras=names, t_s=markers.t_s, uv_px=uv) if cameras else None), tracked
+    over_time = {
+        "nis": np.where(n_rows > 0, nis, np.nan),
+        "n_rows": n_rows,
+        "log_likelihood": -0.5 * nis - 1.2 * n_rows,
+    }
+    rays = {"ideal": uv, "reprojected": smoothed, "innovation": innovation, "used": used}
+    return {**over_time, **(rays if cameras else {})}
 
 
 def _joints(

@@ -26,10 +26,9 @@ def runs(tmp_path_factory):
     """Two runs of which the second has one marker 5 mm off in frames 20 to 29, and the comparison of them."""
     folder = tmp_path_factory.mktemp("compare")
     first = make_run(n_frames=50, n_cameras=2)
-    markers = first.tracked.markers
-    xyz = markers.xyz_m.copy()
+    xyz = first.xyz_m.copy()
     xyz[20:30, 6] += SHIFT_M
-    second = replace(first, tracked=replace(first.tracked, markers=replace(markers, xyz_m=xyz)))
+    second = first.having(position=xyz)
     out = []
     for name, run in (("ours", first), ("theirs", second)):
         (folder / name).mkdir()
@@ -47,14 +46,14 @@ def test_each_run_is_there_as_it_was(runs):
         assert {f"{paths.run(i)}{path}" for path in alone} <= entities(both)
         frames, _, xyz = column(both, f"{paths.run(i)}{paths.SKELETON}", "Points3D:positions")
         np.testing.assert_array_equal(frames, np.arange(50))
-        np.testing.assert_array_equal(xyz.reshape(50, -1, 3), run.tracked.markers.xyz_m.astype(np.float32))
+        np.testing.assert_array_equal(xyz.reshape(50, -1, 3), run.xyz_m.astype(np.float32))
 
 
 def test_what_differs_is_seen_where_it_does(runs):
     """Five millimetres on one marker of M are 5 / sqrt(M seen), in those frames only; its row of the map is yellow."""
     first, _, folders, both = runs
     rms = column(both, f"{paths.APART}/1", "Scalars:scalars")[2]
-    seen = first.tracked.markers.seen.sum(axis=1)
+    seen = first.tracks.seen.sum(axis=1)
     # float32 keeps 6e-8 of positions below 1 m
     np.testing.assert_allclose(rms[20:30], 5 / np.sqrt(seen[20:30]), atol=1e-3)
     np.testing.assert_array_equal(np.delete(rms, np.s_[20:30]), 0.0)
@@ -63,7 +62,7 @@ def test_what_differs_is_seen_where_it_does(runs):
     np.testing.assert_array_equal(difference_mm(a, later)[1][:, 4:], difference_mm(a, b)[1][:, 4:])
     assert np.isnan(difference_mm(a, later)[1][:, :4]).all()
     names, apart = difference_mm(a, b)
-    assert names == first.tracked.markers.names
+    assert names == first.names
     np.testing.assert_allclose(apart[6, 20:30], 5.0, atol=1e-3)
     picture = column(both, f"{paths.difference(1)}/samples", "Image:buffer")[2].reshape(len(names), 50, 3)
     yellow, dark = palette.depth(np.array([0.0, 1.0]))
@@ -75,9 +74,9 @@ def test_what_is_stored_is_read_back(runs):
     """Names, bones, times and the way up are in the recording itself."""
     first, _, folders, _ = runs
     stored = read_recording(folders[0], name="x")
-    assert stored.names == first.tracked.markers.names
+    assert stored.names == first.names
     assert len(stored.bones) == len(first.skeleton.bones)
-    np.testing.assert_allclose(stored.t_s, first.tracked.markers.t_s, atol=5e-10)
+    np.testing.assert_allclose(stored.t_s, first.t_s, atol=5e-10)
     np.testing.assert_array_equal(stored.up, (0, 0, 1))
     assert stored.below(paths.CAMERAS) == ["cam1", "cam2"]
 

@@ -58,11 +58,11 @@ def test_pointing_at_a_marker_reads_its_name_and_position(tmp_path):
     """
     need_vulkan()
     run = make_run(n_frames=60, n_cameras=2)
-    markers = run.tracked.markers
+    markers = run.tracks
     uv = project(stacked(run.cameras), markers.xyz_m[FRAME])[0]
     entities = {
         paths.child(paths.MARKERS, "measured"): markers.xyz_m[FRAME],
-        f"{paths.image('cam1')}/reprojected": run.tracked.reprojected_px[0, FRAME],
+        f"{paths.image('cam1')}/reprojected": run.reprojected_px[0, FRAME],
     }
     apart = np.linalg.norm(uv[:, None] - uv, axis=-1) + 1e3 * np.eye(len(uv))
     lonely = [m for m in np.argsort(-apart.min(axis=1)) if markers.status[FRAME, m] == Status.MEASURED][:2]

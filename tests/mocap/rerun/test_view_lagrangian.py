@@ -10,6 +10,7 @@ from readback import column, entities
 from vulkan import need_vulkan
 
 from mocap.joint_angles import JointAngles
+from mocap.pipeline.track_variables import with_angles
 from mocap.rerun import palette, paths
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.rerun.tabs import lagrangian
@@ -32,7 +33,7 @@ def run():
         length_sd_m=np.array([0.001]),
         energies=energies,
     )
-    return replace(base, angles=angles)
+    return replace(base, data=with_angles(base.data, angles))
 
 
 def test_energy_value_and_bound_are_in_the_recording(run, tmp_path):
@@ -41,7 +42,7 @@ def test_energy_value_and_bound_are_in_the_recording(run, tmp_path):
     for path, which in ((paths.ENERGY, 0), (f"{paths.VALLEY}/value", 1), (f"{paths.VALLEY}/bound", 2)):
         frames, _, found = column(tmp_path / "a.rrd", path, "Scalars:scalars")
         np.testing.assert_allclose(np.ravel(found), run.angles.energies[frames, which])
-    learned = replace(run, angles=replace(run.angles, energies=np.zeros((N, 0))))
+    learned = replace(run, data=run.data.drop_vars("energies"))
     write_recording(learned, tmp_path / "b.rrd")
     assert not [name for name in entities(tmp_path / "b.rrd") if "lagrangian" in name]
     assert lagrangian.tab(make_layout(learned)) is None

@@ -10,11 +10,11 @@ from mocap.filters.records import HeldLimb
 from readback import column, entities
 from vulkan import need_vulkan
 
-from eal.over_time import at_frames
+from mocap.pipeline.track_variables import with_limbs
 from mocap.rerun import palette, paths
 from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
 from mocap.rerun.record import make_layout, recording_id, write_recording
-from mocap.results.stored import read_run, write_arrays
+from mocap.results.stored import read_recording, write_arrays
 from tests.mocap.rerun.headless import Headless
 
 N = 20
@@ -33,7 +33,7 @@ def run():
     axis = np.linspace(-2, 2, 30)
     limb = HeldLimb(
         name="shoulder to elbow",
-        markers=base.tracked.markers.names[4:6],
+        markers=base.names[4:6],
         x=axis,
         y=axis,
         value=np.clip((np.hypot(*np.meshgrid(axis, axis)) - 1) ** 2, 0, 1),
@@ -43,7 +43,7 @@ def run():
         at_state=np.linspace(0, 0.5, N),
         pull=pull,
     )
-    return replace(base, limbs=(limb,))
+    return replace(base, data=with_limbs(base.data, [limb]))
 
 
 def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):
@@ -72,14 +72,14 @@ def test_without_limbs_there_is_nothing(tmp_path):
 
 def test_limbs_are_restored_and_cut(run, tmp_path):
     """Written and read back to single precision of grid and pulls; a part holds its own frames."""
-    write_arrays(replace(run, joints={}), tmp_path)
+    write_arrays(replace(run, skeleton=replace(run.skeleton, joints=())), tmp_path)
     for name, text in (("report.json", "{}"), ("report.md", "")):
         (tmp_path / name).write_text(text)
-    (back,), (limb,) = read_run(tmp_path).limbs, run.limbs
+    (back,), (limb,) = read_recording(tmp_path).limbs, run.limbs
     assert (back.name, back.markers) == (limb.name, limb.markers)
     for name in ("x", "y", "value", "samples", "state", "cov", "at_state", "pull"):
         np.testing.assert_allclose(getattr(back, name), getattr(limb, name), atol=1e-6)
-    np.testing.assert_array_equal(at_frames(run, slice(5, 9)).limbs[0].state, limb.state[5:9])
+    np.testing.assert_array_equal(run.at(slice(5, 9)).limbs[0].state, limb.state[5:9])
 
 
 def test_a_person_sees_the_state_its_ellipse_and_the_arrows(run, tmp_path):

@@ -25,7 +25,7 @@ from tests.mocap.rerun.headless import Headless
 
 def estimates(run):
     """A run's frames as a filter that is still under way would hand them over."""
-    tracked, markers = run.tracked, run.tracked.markers
+    markers = run.tracks
     for k in range(len(markers.t_s)):
         marker = np.flatnonzero(markers.status[k] == Status.MEASURED)
         n = len(marker)
@@ -33,9 +33,9 @@ def estimates(run):
             where=np.column_stack([np.full(n, WHOLE), marker]),
             innovation=np.zeros((n, 3)),
             weight=np.ones(n),
-            nis=tracked.nis[k],
-            n_rows=int(tracked.n_rows[k]),
-            log_likelihood=tracked.log_likelihood[k],
+            nis=run.nis[k],
+            n_rows=int(run.n_rows[k]),
+            log_likelihood=run.log_likelihood[k],
         )
         yield LiveEstimate(
             frame=k,
@@ -63,7 +63,7 @@ def test_every_frame_arrives_as_it_was(run, tmp_path):
     rec = rr.RecordingStream(LIVE, recording_id="live", send_properties=False)
     rec.set_log_time_enabled(False)
     rec.save(tmp_path / "live.rrd")
-    markers = run.tracked.markers
+    markers = run.tracks
     with LiveView(rec, run_scene(run), names=markers.names, skeleton=run.skeleton, first=100) as view:
         for estimate in estimates(run):
             view.show(estimate)
@@ -74,10 +74,9 @@ def test_every_frame_arrives_as_it_was(run, tmp_path):
     np.testing.assert_array_equal(xyz.reshape(90, -1, 3), markers.xyz_m.astype(np.float32))
     measured = column(path, paths.child(paths.MARKERS, "measured"), "Points3D:positions")[2]
     np.testing.assert_array_equal(measured, markers.xyz_m[markers.status == Status.MEASURED].astype(np.float32))
-    tracked = run.tracked
-    np.testing.assert_array_equal(column(path, paths.NIS, "Scalars:scalars")[2], tracked.nis / tracked.n_rows)
+    np.testing.assert_array_equal(column(path, paths.NIS, "Scalars:scalars")[2], run.nis / run.n_rows)
     likelihood = column(path, paths.LOG_LIKELIHOOD, "Scalars:scalars")[2]
-    np.testing.assert_array_equal(likelihood, tracked.log_likelihood)
+    np.testing.assert_array_equal(likelihood, run.log_likelihood)
     strips = column(path, paths.TRAILS, "LineStrips3D:strips")[2].reshape(90, -1, 2, 3)
     np.testing.assert_array_equal(strips[1:, :, 0], markers.xyz_m[:-1].astype(np.float32))
     np.testing.assert_array_equal(strips[:, :, 1], markers.xyz_m.astype(np.float32))
@@ -101,7 +100,7 @@ def test_a_stalled_viewer_holds_nobody_up(run):
         def disconnect(self) -> None: ...
 
     frame = next(estimates(run))
-    scene, markers = run_scene(run), run.tracked.markers
+    scene, markers = run_scene(run), run.tracks
     with LiveView(Stalled(), scene, names=markers.names, skeleton=run.skeleton) as view:  # type: ignore[arg-type]
         view.show(frame)
         stuck.wait()
@@ -126,7 +125,7 @@ def test_a_stream_that_breaks_is_no_error_of_the_run(run):
 
         def disconnect(self) -> None: ...
 
-    scene, markers = run_scene(run), run.tracked.markers
+    scene, markers = run_scene(run), run.tracks
     with LiveView(Broken(), scene, names=markers.names, skeleton=run.skeleton) as view:  # type: ignore[arg-type]
         for estimate in estimates(run):
             view.show(estimate)
@@ -137,7 +136,7 @@ def test_a_stream_that_breaks_is_no_error_of_the_run(run):
 def test_the_viewer_shows_the_newest_frame(run):
     """Streamed to a viewer: markers, filled ones and trails are there."""
     need_vulkan()
-    scene, markers = run_scene(run), run.tracked.markers
+    scene, markers = run_scene(run), run.tracks
     with Headless() as viewer:
         for _ in range(12):  # the messages of the start fade while pictures are taken
             viewer.client.take_screenshot(max_size=32)

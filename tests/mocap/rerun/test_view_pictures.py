@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vulkan import need_vulkan
 
 from mocap.cameras.camera import Camera, project, stacked
-from mocap.pipeline.run import Run
+from mocap.pipeline.recording import Recording
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.gaps import gap_map_view
@@ -34,7 +34,7 @@ def viewer():
         yield headless
 
 
-def loaded(viewer: Headless, run: Run, folder: Path) -> Run:
+def loaded(viewer: Headless, run: Recording, folder: Path) -> Recording:
     """The run under a name of its own, in the viewer."""
     run = replace(run, name=folder.name)
     write_recording(run, folder / "recording.rrd")
@@ -42,7 +42,7 @@ def loaded(viewer: Headless, run: Run, folder: Path) -> Run:
     return run
 
 
-def tile(run: Run, name: str, *contents: str, hidden: tuple[str, ...] = ()) -> rrb.View:
+def tile(run: Recording, name: str, *contents: str, hidden: tuple[str, ...] = ()) -> rrb.View:
     """A camera's whole image, with nothing but these entities."""
     width, height = next(c for c in make_layout(run).scene.cameras if c.name == name).size_px
     return rrb.Spatial2DView(
@@ -54,9 +54,9 @@ def tile(run: Run, name: str, *contents: str, hidden: tuple[str, ...] = ()) -> r
     )
 
 
-def expected_px(run: Run, c: int, frame: int, code: Status) -> NDArray:
+def expected_px(run: Recording, c: int, frame: int, code: Status) -> NDArray:
     """(N, 2) pixels where our camera model puts the markers of one origin, in the image as it is shown."""
-    markers = run.tracked.markers
+    markers = run.tracks
     uv = project(stacked(run.cameras), markers.xyz_m[frame])[c][markers.status[frame] == code]
     return uv * (1, -1) + (0, 800) if run.y_up else uv
 
@@ -111,9 +111,7 @@ def test_a_shift_of_twelve_pixels_is_seen(viewer, tmp_path, shifted):
         cameras = tuple(Camera(name=c.name, matrix=move @ c.matrix, size_px=c.size_px) for c in run.cameras)
         other = replace(run, cameras=cameras)
     else:
-        markers = run.tracked.markers
-        moved = replace(markers, xyz_m=markers.xyz_m + np.array([0, 0, SHIFT_PX * 1.3 / 1100]))
-        other = replace(run, tracked=replace(run.tracked, markers=moved))
+        other = run.having(position=run.xyz_m + np.array([0, 0, SHIFT_PX * 1.3 / 1100]))
     other = loaded(viewer, other, tmp_path)
     picture = viewer.picture(tile(other, "cam1", paths.child(paths.MARKERS, "measured")), frame=FRAME)
     assert share_found(picture, expected_px(other, 0, FRAME, Status.MEASURED), palette.SKY_BLUE) == 1.0
@@ -138,8 +136,7 @@ def test_what_is_hidden_is_not_seen(viewer, tmp_path):
 def test_measured_pixels_are_seen_where_they_were_measured(viewer, tmp_path):
     """The dots of the tracks, in pixels that run up, are drawn at height minus v."""
     run = loaded(viewer, make_run(n_frames=60, n_cameras=2, handed=-1.0, y_up=True), tmp_path)
-    assert run.ideal_px is not None
-    uv_px = run.ideal_px.uv_px[1, FRAME][run.tracked.used[1, FRAME]] * (1, -1) + (0, 800)
+    uv_px = run.ideal_px[1, FRAME][run.used[1, FRAME]] * (1, -1) + (0, 800)
     picture = viewer.picture(tile(run, "cam2", f"{paths.image('cam2')}/measured"), frame=FRAME)
     assert share_found(picture, uv_px, palette.SKY_BLUE) == 1.0
     assert share_found(picture, uv_px + SHIFT_PX, palette.SKY_BLUE) < 0.5

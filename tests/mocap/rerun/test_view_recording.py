@@ -1,7 +1,5 @@
 """What is in the file, read back exactly."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import rerun as rr
@@ -43,7 +41,7 @@ def held(frames, values, *, n_frames=60):
 
 def test_body_and_time_axes_are_exact(run, rrd):
     """Every position as its nearest float32, at its frame and its nanosecond."""
-    markers = run.tracked.markers
+    markers = run.tracks
     frames, lengths, positions = column(rrd, paths.SKELETON, "Points3D:positions")
     np.testing.assert_array_equal(frames, np.arange(60))
     assert (lengths == len(markers.names)).all()
@@ -57,7 +55,7 @@ def test_body_and_time_axes_are_exact(run, rrd):
 )
 def test_each_sample_is_in_the_entity_of_its_origin(run, rrd, name, codes):
     """Positions and marker numbers of a class, frame by frame."""
-    markers = run.tracked.markers
+    markers = run.tracks
     mask = np.isin(markers.status, codes)
     path = paths.child(paths.MARKERS, name)
     frames, lengths, positions = column(rrd, path, "Points3D:positions")
@@ -69,7 +67,7 @@ def test_each_sample_is_in_the_entity_of_its_origin(run, rrd, name, codes):
 
 def test_ellipsoids_are_the_covariance(run, rrd):
     """Rotating the squared half axes back, over the squared number of deviations, is the covariance."""
-    markers = run.tracked.markers
+    markers = run.tracks
     mask = np.isin(markers.status, FILLED)
     path = paths.child(paths.UNCERTAINTY, "filled")
     half = column(rrd, path, "Ellipsoids3D:half_sizes")[2].astype(np.float64)
@@ -84,17 +82,16 @@ def test_pixels_and_whiskers_are_exact(tmp_path, y_up):
     """Measured, rejected and reprojected pixels run down in the view; whiskers go from measured towards reprojected."""
     run = make_run(n_frames=40, n_cameras=2, y_up=y_up)
     write_recording(run, tmp_path / "r.rrd")
-    assert run.ideal_px is not None
     sign, offset = ((1, -1), (0, 800)) if y_up else ((1, 1), (0, 0))
-    for c, name in enumerate(run.ideal_px.cameras):
+    for c, name in enumerate(run.camera_names):
         image = paths.image(name)
-        uv, used = run.ideal_px.uv_px[c] * sign + offset, run.tracked.used[c]
-        target = run.tracked.reprojected_px[c] * sign + offset
+        uv, used = run.ideal_px[c] * sign + offset, run.used[c]
+        target = run.reprojected_px[c] * sign + offset
         measured = column(tmp_path / "r.rrd", f"{image}/measured", "Points2D:positions")[2].reshape(uv.shape)
         np.testing.assert_array_equal(measured, np.where(used[..., None], uv, np.nan).astype(np.float32))
         reprojected = column(tmp_path / "r.rrd", f"{image}/reprojected", "Points2D:positions")[2].reshape(uv.shape)
         np.testing.assert_array_equal(reprojected, target.astype(np.float32))
-        left_out = run.ideal_px.seen[c] & ~used
+        left_out = np.isfinite(run.ideal_px[c, ..., 0]) & ~used
         frames, lengths, rejected = column(tmp_path / "r.rrd", f"{image}/rejected", "Points2D:positions")
         np.testing.assert_array_equal(held(frames, lengths, n_frames=40), left_out.sum(axis=1))
         np.testing.assert_array_equal(rejected, uv[left_out].astype(np.float32))
@@ -106,7 +103,7 @@ def test_pixels_and_whiskers_are_exact(tmp_path, y_up):
 
 def test_logged_cameras_project_as_ours_do(run, rrd):
     """The pose and the pinhole in the file, multiplied out by SciPy, land on our pixels."""
-    xyz = run.tracked.markers.xyz_m[20]
+    xyz = run.xyz_m[20]
     pixels = project(stacked(run.cameras), xyz)
     for camera, expected in zip(run.cameras, pixels, strict=True):
         path = paths.camera(camera.name)
@@ -120,7 +117,7 @@ def test_logged_cameras_project_as_ours_do(run, rrd):
 
 def test_gap_lanes_unfold_to_the_origins(run, rrd):
     """Holding each entry of a lane until the next gives the class of every frame."""
-    markers = run.tracked.markers
+    markers = run.tracks
     label = {Status.MEASURED: "measured", Status.SMOOTHED: "filled", Status.REJECTED: "rejected", Status.MISSING: ""}
     for m, name in enumerate(markers.names):
         frames, _, states = column(rrd, paths.child(paths.GAPS, name), "StateChange:state")
@@ -129,28 +126,27 @@ def test_gap_lanes_unfold_to_the_origins(run, rrd):
 
 def test_health_series(run, rrd):
     """Innovation squared a row, quantiles by SciPy, root mean squares by a loop, likelihood and rows as given."""
-    tracked = run.tracked
-    np.testing.assert_array_equal(column(rrd, f"{paths.NIS}/value", "Scalars:scalars")[2], tracked.nis / tracked.n_rows)
+    np.testing.assert_array_equal(column(rrd, f"{paths.NIS}/value", "Scalars:scalars")[2], run.nis / run.n_rows)
     band = column(rrd, f"{paths.NIS}/band", "Scalars:scalars")[2].reshape(-1, 2)
-    expected = [chi2(n).ppf((0.025, 0.975)) / n for n in tracked.n_rows]
+    expected = [chi2(n).ppf((0.025, 0.975)) / n for n in run.n_rows]
     np.testing.assert_allclose(band, expected, rtol=1e-12)
-    np.testing.assert_array_equal(column(rrd, paths.LOG_LIKELIHOOD, "Scalars:scalars")[2], tracked.log_likelihood)
-    np.testing.assert_array_equal(column(rrd, paths.ROWS, "Scalars:scalars")[2], tracked.n_rows)
+    np.testing.assert_array_equal(column(rrd, paths.LOG_LIKELIHOOD, "Scalars:scalars")[2], run.log_likelihood)
+    np.testing.assert_array_equal(column(rrd, paths.ROWS, "Scalars:scalars")[2], run.n_rows)
     for parent, difference in (
-        (paths.INNOVATION, tracked.innovation_px),
-        (paths.RESIDUAL, run.ideal_px.uv_px - tracked.reprojected_px),
+        (paths.INNOVATION, run.innovation_px),
+        (paths.RESIDUAL, run.ideal_px - run.reprojected_px),
     ):
-        assert tuple(column(rrd, parent, "SeriesLines:names")[2]) == run.ideal_px.cameras
+        assert tuple(column(rrd, parent, "SeriesLines:names")[2]) == run.camera_names
         lines = column(rrd, parent, "Scalars:scalars")[2].reshape(60, -1)
         for c in range(len(run.cameras)):
             for k in range(0, 60, 7):
-                lengths = np.linalg.norm(difference[c, k][tracked.used[c, k]], axis=1)
+                lengths = np.linalg.norm(difference[c, k][run.used[c, k]], axis=1)
                 assert lines[k, c] == pytest.approx(np.sqrt(np.mean(lengths**2)), rel=1e-12)
 
 
 def test_joint_moves_on_its_potential(run, rrd):
     """The value along the way is the potential's; the point on the surface is over the joint, at about that height."""
-    joints = run.joints["plane"]
+    joints = run.joint_tracks["plane"]
     for j, name in enumerate(joints.names):
         potential, q_m = run.potentials[name], joints.q_m[:, j]
         value = column(rrd, f"{paths.joint_series(name)}/potential/value", "Scalars:scalars")[2]
@@ -193,7 +189,7 @@ def test_potential_is_drawn_where_it_is(run, rrd):
 
 def test_bound_is_the_energy_of_the_fastest_frame(run, rrd):
     """V(q0) + eps^2 |dq/dt|^2 / 2 where that is greatest, speed by differences; total = kinetic + potential."""
-    joints = run.joints["plane"]
+    joints = run.joint_tracks["plane"]
     for j, name in enumerate(joints.names):
         series = paths.joint_series(name)
         q_m, t_s = joints.q_m[:, j], joints.t_s
@@ -245,7 +241,7 @@ def test_volume_is_the_potential_in_the_body(tmp_path):
     run, rrd = make_run(n_frames=120, n_cameras=0), tmp_path / "r.rrd"
     write_recording(run, rrd)
     name = "L_elbow"
-    spatial = joint_potentials(run.joints["body"], run.tracked.markers, run.skeleton)[name]
+    spatial = joint_potentials(run.joint_tracks["body"], run.tracks, run.skeleton)[name]
     path = f"{paths.volume(name)}/potential"
     cell = column(rrd, path, "Volume3D:voxel_size")[2][0]
     corner = column(rrd, path, "Volume3D:translation")[2][0]
@@ -257,7 +253,7 @@ def test_volume_is_the_potential_in_the_body(tmp_path):
         expected = spatial.potential.value(middle_m / spatial.scale_m)
         assert cloud.value[k, j, i] == pytest.approx(expected, abs=1e-5)
     now = column(rrd, f"{paths.volume(name)}/now", "Points3D:positions")[2]
-    np.testing.assert_array_equal(now, (run.joints["body"].q_m[:, 0] * 1000).astype(np.float32))
+    np.testing.assert_array_equal(now, (run.joint_tracks["body"].q_m[:, 0] * 1000).astype(np.float32))
 
 
 def test_report_is_the_text(run, rrd):
@@ -271,9 +267,9 @@ def test_same_run_same_recording(run, rrd, tmp_path):
     assert digest(tmp_path / "again.rrd") == digest(rrd)
     entry = RrdReader(str(rrd)).recordings()[0]
     assert (entry.application_id, entry.recording_id) == ("mocap", recording_id(run))
-    xyz = run.tracked.markers.xyz_m.copy()
+    xyz = run.xyz_m.copy()
     xyz[30, 2, 0] += 1e-3
-    other = replace(run, tracked=replace(run.tracked, markers=replace(run.tracked.markers, xyz_m=xyz)))
+    other = run.having(position=xyz)
     write_recording(other, tmp_path / "other.rrd")
     assert digest(tmp_path / "other.rrd") != digest(rrd)
     assert recording_id(other) != recording_id(run)
@@ -297,11 +293,11 @@ def test_gap_map_loses_no_class(tmp_path):
     run = make_run(n_frames=1700, n_cameras=0, n_joints=0)
     write_recording(run, tmp_path / "r.rrd")
     colors = [palette.GROUND, *(palette.DIM_ORIGIN[name] for name in paths.ORIGINS)]
-    n_markers = len(run.tracked.markers.names)
+    n_markers = len(run.names)
     picture = column(tmp_path / "r.rrd", f"{paths.GAP_MAP}/samples", "Image:buffer")[2].reshape(n_markers, -1, 3)
     frame_columns = (np.arange(1700) * picture.shape[1]) // 1700
     rank = {Status.MISSING: 0, Status.MEASURED: 1, Status.SMOOTHED: 2, Status.REJECTED: 3}
-    codes = np.vectorize(rank.get)(run.tracked.markers.status)
+    codes = np.vectorize(rank.get)(run.tracks.status)
     for m in range(n_markers):
         for c in range(0, picture.shape[1], 13):
             assert tuple(picture[m, c]) == colors[codes[frame_columns == c, m].max()]
@@ -310,9 +306,9 @@ def test_gap_map_loses_no_class(tmp_path):
 def test_a_camera_that_goes_bad_is_a_bright_stretch_of_its_row(tmp_path):
     """In the map of residuals, and of innovations, a column has the colour of the rms of its frames."""
     run = make_run(n_frames=1700, n_cameras=6, n_joints=0)
-    worse = run.tracked.innovation_px.copy()
+    worse = run.innovation_px.copy()
     worse[4, 900:1000] *= 40
-    run = replace(run, tracked=replace(run.tracked, innovation_px=worse))
+    run = run.having(innovation=worse)
     write_recording(run, tmp_path / "r.rrd")
     picture = column(tmp_path / "r.rrd", f"{paths.INNOVATION_MAP}/samples", "Image:buffer")[2].reshape(6, -1, 3)
     bright = picture.astype(int).sum(axis=-1)
@@ -326,16 +322,16 @@ def test_a_camera_that_goes_bad_is_a_bright_stretch_of_its_row(tmp_path):
 def test_frames_with_nothing_to_see_are_left_out(tmp_path):
     """Where no marker has a position at either end, the recording starts later and keeps the numbers of the frames."""
     run = make_run(n_frames=60, n_cameras=2, n_joints=1)
-    markers = run.tracked.markers
+    markers = run.tracks
     dark = np.r_[0:17, 50:60]
     xyz, cov, origin = markers.xyz_m.copy(), markers.cov_m2.copy(), markers.status.copy()
     xyz[dark], cov[dark], origin[dark] = np.nan, np.nan, Status.MISSING
-    later = replace(run, tracked=replace(run.tracked, markers=replace(markers, xyz_m=xyz, cov_m2=cov, status=origin)))
+    later = run.having(position=xyz, covariance=cov, status=origin)
     write_recording(later, tmp_path / "r.rrd")
     for entity, component, values in (
         (paths.SKELETON, "Points3D:positions", xyz),
-        (f"{paths.image('cam2')}/reprojected", "Points2D:positions", run.tracked.reprojected_px[1]),
-        (paths.ROWS, "Scalars:scalars", run.tracked.n_rows),
+        (f"{paths.image('cam2')}/reprojected", "Points2D:positions", run.reprojected_px[1]),
+        (paths.ROWS, "Scalars:scalars", run.n_rows),
     ):
         frames, _, found = column(tmp_path / "r.rrd", entity, component)
         np.testing.assert_array_equal(frames, np.arange(17, 50))
@@ -347,15 +343,14 @@ def test_frames_with_nothing_to_see_are_left_out(tmp_path):
 def test_nothing_known_is_a_recording_too(tmp_path):
     """No position of any marker, ever: no point, no path, a map without colour."""
     run = make_run(n_frames=4, n_cameras=2, n_joints=1)
-    markers = run.tracked.markers
-    nothing = replace(
-        markers,
-        xyz_m=np.full_like(markers.xyz_m, np.nan),
-        cov_m2=np.full_like(markers.cov_m2, np.nan),
+    markers = run.tracks
+    nothing = run.having(
+        position=np.full_like(markers.xyz_m, np.nan),
+        covariance=np.full_like(markers.cov_m2, np.nan),
         status=np.zeros_like(markers.status),
+        reprojected=np.full_like(run.reprojected_px, np.nan),
     )
-    tracked = replace(run.tracked, markers=nothing, reprojected_px=np.full_like(run.tracked.reprojected_px, np.nan))
-    write_recording(replace(run, tracked=tracked), tmp_path / "r.rrd")
+    write_recording(nothing, tmp_path / "r.rrd")
     assert np.isnan(column(tmp_path / "r.rrd", paths.SKELETON, "Points3D:positions")[2]).all()
     assert column(tmp_path / "r.rrd", paths.child(paths.MARKERS, "measured"), "Points3D:positions")[1].sum() == 0
 
@@ -385,9 +380,9 @@ def test_thirty_cameras_are_small(tmp_path):
     """34 markers, 2000 frames, 30 cameras: not a fifth more than the numbers themselves."""
     run = make_run(n_frames=2000, n_cameras=30, n_joints=0, n_extra=16)
     write_recording(run, tmp_path / "r.rrd")
-    n_used = run.tracked.used.sum()
-    n_points = run.tracked.markers.seen.sum()
-    n_pixels = run.ideal_px.uv_px[..., 0].size
+    n_used = run.used.sum()
+    n_points = run.tracks.seen.sum()
+    n_pixels = run.ideal_px[..., 0].size
     # float32 numbers: measured and reprojected pixels, whiskers; body, samples, trails, ellipsoids
     raw_bytes = 4 * (4 * n_pixels + 4 * n_used + n_points * (3 + 3 + 6 + 10))
     assert (tmp_path / "r.rrd").stat().st_size < 1.2 * raw_bytes

@@ -31,16 +31,15 @@ def recordings(tmp_path_factory):
     """A run, and the same of which nothing is known."""
     folder = tmp_path_factory.mktemp("share")
     run = make_run(n_frames=12, n_cameras=2, n_joints=0)
-    markers = run.tracked.markers
-    nothing = replace(
-        markers,
-        xyz_m=np.full_like(markers.xyz_m, np.nan),
-        cov_m2=np.full_like(markers.cov_m2, np.nan),
+    markers = run.tracks
+    nothing = run.having(
+        position=np.full_like(markers.xyz_m, np.nan),
+        covariance=np.full_like(markers.cov_m2, np.nan),
         status=np.zeros_like(markers.status),
+        used=np.zeros_like(run.used),
     )
-    tracked = replace(run.tracked, markers=nothing, used=np.zeros_like(run.tracked.used))
     write_recording(run, folder / "flight.rrd")
-    write_recording(replace(run, name="empty", tracked=tracked), folder / "empty.rrd")
+    write_recording(replace(nothing, name="empty"), folder / "empty.rrd")
     return folder
 
 
@@ -115,17 +114,14 @@ def test_an_attack_would_be_seen(browser, tmp_path):
 def attacked(tmp_path_factory):
     """The folder of a shared run whose name, folder, markers and report attack."""
     run = make_run(n_frames=12, n_cameras=2, n_joints=0)
-    hostile = tuple(f"{ATTACK}{m}" for m in range(len(run.tracked.markers.names)))
-    renamed = dict(zip(run.tracked.markers.names, hostile, strict=True))
+    hostile = tuple(f"{ATTACK}{m}" for m in range(len(run.names)))
+    renamed = dict(zip(run.names, hostile, strict=True))
     bones = tuple(replace(b, a=renamed[b.a], b=renamed[b.b]) for b in run.skeleton.bones)
-    ideal = None if run.ideal_px is None else replace(run.ideal_px, names=hostile)
     run = replace(
         run,
         name=ATTACK,
         skeleton=replace(run.skeleton, markers=hostile, bones=bones, joints=(), trunk=()),
-        motion=None if run.motion is None else replace(run.motion, names=hostile),
-        tracked=replace(run.tracked, markers=replace(run.tracked.markers, names=hostile)),
-        ideal_px=ideal,
+        data=run.data.assign_coords(keypoint=list(hostile), point=list(hostile)),
         report_text=f"# {ATTACK}\n\n{ATTACK}\n",
     )
     folder = tmp_path_factory.mktemp("attack")

@@ -64,7 +64,7 @@ def _encode(container, coder, pictures, pix_fmt):
 
 def filmed(run, folder, coder, *, lead=0, bent=True):
     """The movie of the run's second camera, ``lead`` frames ahead of the tracks."""
-    ideal = project(stacked(run.cameras), run.tracked.markers.xyz_m)[1][:, :-1]
+    ideal = project(stacked(run.cameras), run.xyz_m)[1][:, :-1]
     if run.y_up:  # DLTdv's lower left: the lowest row is 1
         ideal = ideal * (1, -1) + (0, SIZE_PX[1] + 1)
     recorded = LENS.distort(ideal) if bent else ideal

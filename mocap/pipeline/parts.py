@@ -1,8 +1,6 @@
-"""A run: all that the main job produced for one recording, as the views, tables and reports take it."""
+"""What a recording holds beside arrays: potentials of joints, movies, the plane of one film."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,14 +11,8 @@ from eal.choice import Choice
 from eal.over_time import OverTime
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
-from mocap.cameras.camera import Camera
-from mocap.filters.records import HeldLimb
-from mocap.filters.velocities import Motion
 from mocap.io.movies import Movie
-from mocap.joint_angles import JointAngles
-from mocap.records import JointTracks, PixelTracks, TrackedMotion
 from mocap.sides import words
-from mocap.skeleton import Skeleton
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -137,50 +129,3 @@ class Plane:
     def per_m(self) -> float:
         """Units of the tables a metre of the chain."""
         return 1e3 if self.mm_per_px is None else 1.0
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Run:
-    """One recording, tracked.
-
-    Attributes:
-        name: Name of the recording.
-        skeleton: Its skeleton; without bones and joints where none was given.
-        cameras: The C cameras; empty where only positions were given.
-        ideal_px: Undistorted pixels as tracked, NaN where not seen; None without cameras.
-        y_up: True where the pixel y axis of the file points up (lower-left origin).
-        tracked: The result of the tracker.
-        motion: Markers with velocities and joint covariances.
-        joints: Joint tracks by frame of reference.
-        potentials: One empirical potential a joint, by joint name, in the planes of its limb.
-        spatial_potentials: The same in three coordinates in the body.
-        repaired: (T, M) True where a sample bore another marker's name in the file.
-        report: The report as ``report.json`` holds it.
-        report_text: The same as markdown.
-        footage: The movie of each camera; empty where none were given.
-        file: The file of the tracks; None: not known.
-        limbs: Potentials of limbs that held the pose while it was tracked.
-        angles: Joint angles where they were the filter's state; None: they were not.
-        plane: The picture in which the markers move, third coordinates being 0; None: they move in space.
-    """
-
-    name: str
-    skeleton: Skeleton
-    cameras: tuple[Camera, ...] = ()
-    ideal_px: PixelTracks | None = None
-    y_up: bool = False
-    tracked: TrackedMotion
-    motion: Motion
-    joints: Mapping[str, JointTracks]
-    potentials: Mapping[str, JointPotential] = field(default_factory=dict)
-    spatial_potentials: Mapping[str, JointPotential] = field(default_factory=dict)
-    repaired: OverTime[NDArray[np.bool_]]
-    report: Mapping[str, object] = field(default_factory=dict)
-    report_text: str = ""
-    footage: tuple[Footage, ...] = ()
-    file: Path | None = None
-    limbs: tuple[HeldLimb, ...] = ()
-    angles: JointAngles | None = None
-    plane: Plane | None = None
-
-    __repr__ = short_repr

@@ -1,0 +1,73 @@
+"""Results of the version before, whose arrays were in three files, as the record of this one; goes with the next."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from mocap.documents import from_json
+from mocap.errors import FormatError
+from mocap.filters.records import HeldLimb
+from mocap.io.netcdf import read_netcdf
+from mocap.pipeline.track_variables import with_limbs
+
+EARLIER, MOTION, FORMAT = "run.nc", "motion.nc", "eal-mocap run 2"
+_POINTS = {"position": "point_position", "covariance": "point_covariance", "two": "end"}
+_RAYS = {"reprojected_px": "reprojected", "innovation_px": "innovation", "ideal_px": "ideal", "uv": "pixel"}
+_ANGLES = {"angle_angle_rad": "angle_rad", "angle_energies": "energies", "energy_3": "energy"}
+_ANGLES |= {"angle_length_m": "segment_length", "angle_length_sd_m": "segment_length_sd"}
+_LIMB = ("x", "y", "value", "samples", "state", "cov", "at_state", "pull")
+
+
+def earlier_record(folder: Path, *, again: str) -> tuple[xr.Dataset, dict[str, Any]]:
+    """The Dataset and the header of a result of the version before, not checked yet.
+
+    Raises:
+        FormatError: a file is missing, cannot be read, or is of another version.
+    """
+    path = folder / EARLIER
+    rest, points = (read_netcdf(folder / name, again=again) for name in (EARLIER, MOTION))
+    header = from_json(str(rest.attrs.get("header", "{}")), str(path))
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise FormatError(f"{path}: is no {FORMAT}: track again with this version")
+    try:
+        return _record(header, read_netcdf(folder / "markers.nc", again=again), rest, points), header
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        raise FormatError(f"{folder}: is not whole as a result of the version before ({error}): {again}") from None
+
+
+def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, points: xr.Dataset) -> xr.Dataset:
+    for camera, matrix in zip(header["cameras"], rest["projection"].values if header["cameras"] else (), strict=True):
+        camera["matrix"] = matrix.tolist()
+    limbs = [
+        HeldLimb(
+            name=limb["name"],
+            markers=tuple(limb["markers"]),
+            **{part: rest[f"limb_{i}_{part}"].values for part in _LIMB},
+        )
+        for i, limb in enumerate(header.get("limbs", []))
+    ]
+    one = markers.squeeze("individual", drop=True)
+    names = {"keypoint": one["keypoint"].values, "view": [camera["name"] for camera in header["cameras"]]}
+    if header.get("angles"):
+        names |= {"angle": header["angles"]["names"], "segment": header["angles"]["segments"]}
+    data = rest.drop_vars([name for name in rest if str(name).startswith(("limb_", "projection"))])
+    joints = {frame: data[f"joint_{frame}_m"].values for frame in header["frames"] if header["joints"]}
+    sd = data["joint_world_sd_m"].values if joints else None
+    data = data.drop_dims("joint", errors="ignore")
+    data = data.rename({old: new for old, new in {**_RAYS, **_ANGLES}.items() if old in {*data, *data.dims}})
+    if joints:
+        names["joint"] = header["joints"]
+        data["joint_sd"] = (("time", "joint"), sd)
+        for frame, values in joints.items():
+            data[f"joint_{frame}"] = (("time", "joint", "space" if values.shape[2] == 3 else "axis"), values)
+    data = data.assign({dim: (dim, np.array(of, dtype=object)) for dim, of in names.items() if len(of)})
+    for name in ("position", "covariance", "status", "repaired"):
+        data[name] = one[name].variable
+    data = data.assign_coords(time=one["time"].variable, frame=one["frame"].variable)
+    for name, variable in points.rename(_POINTS).variables.items():
+        if name not in ("time", "space"):
+            data[name] = variable
+    data = data.assign({name: data[name] == 1 for name in ("measured", "used", "repaired")})
+    return with_limbs(data.set_coords([name for name in (*names, "point") if name in data.variables]), limbs)

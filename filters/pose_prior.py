@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
@@ -234,8 +234,8 @@ def marker_sd(left: Sequence[Array]) -> Array:
         ratio, variance = ratios(share)
         return float(np.log(ratio.mean()) + np.log(variance).mean())
 
-    share = float(minimize_scalar(unlikely, bounds=(1e-3, 1.0), method="bounded").x)  # pyright: ignore[reportAttributeAccessIssue]
-    return np.sqrt(ratios(share)[0].mean() * expected(share, squares))
+    best: Any = minimize_scalar(unlikely, bounds=(1e-3, 1.0), method="bounded")
+    return np.sqrt(ratios(best.x)[0].mean() * expected(best.x, squares))
 
 
 def _mean_squares(left: Array) -> Array:

@@ -155,7 +155,7 @@ def first_poses(recorded: Recorded, found: Starts) -> tuple[Poses, Poses]:
     path = _path(prior, starts, cost, cuts, frames)
     twin = np.concatenate([(np.arange(k) + k // 2) % k for k in count]) + np.repeat(cuts - count, count)
     steps = views.uv_px.shape[1]
-    return _between(starts, path, frames, steps), _between(starts, twin[path], frames, steps)
+    return between(starts.of(path), frames, steps), between(starts.of(twin[path]), frames, steps)
 
 
 def _joined(parts: list[Poses]) -> Poses:
@@ -189,15 +189,14 @@ def _path(
     return np.array([part[k] for part, k in zip(parts, best[::-1], strict=True)])
 
 
-def _between(at: Poses, path: NDArray[np.int64], frames: NDArray[np.int64], steps: int) -> Poses:
-    """All frames, from some of them."""
+def between(at: Poses, frames: NDArray[np.int64], steps: int) -> Poses:
+    """All frames, so many, from poses of some of them."""
     if len(frames) == 1:
-        one = [np.repeat(part[path], steps, axis=0) for part in (at.position_m, at.rotation, at.z)]
-        return Poses(position_m=one[0], rotation=one[1], z=one[2])
+        return at.of(np.zeros(steps, dtype=np.int64))
     when = np.clip(np.arange(steps), frames[0], frames[-1])
 
     def line(values: Array) -> Array:
-        return np.column_stack([np.interp(when, frames, column) for column in values[path].T])
+        return np.column_stack([np.interp(when, frames, column) for column in values.T])
 
-    turned = Slerp(frames, Rotation.from_matrix(at.rotation[path]))(when).as_matrix()
+    turned = Slerp(frames, Rotation.from_matrix(at.rotation))(when).as_matrix()
     return Poses(position_m=line(at.position_m), rotation=turned, z=line(at.z))

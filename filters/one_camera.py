@@ -1,22 +1,25 @@
 """A recording of one camera: the most probable poses under a learned prior, what shapes leave, and intervals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from mocap.filters.errors import FilterError
-from mocap.filters.first_poses import first_poses, starts_of
+from mocap.filters.first_poses import between, first_poses, settled, starts_of
 from mocap.filters.moving import Rates
 from mocap.filters.observations import WHOLE
 from mocap.filters.observe import Observed
 from mocap.filters.one_view import Poses, Recorded, Views
-from mocap.filters.pose_prior import LEAST_MARKERS, PosePrior, running
+from mocap.filters.pose_prior import LEAST_MARKERS, PosePrior, learn_prior, running
+from mocap.filters.poses import MarkerTrial, poses_of
 from mocap.filters.records import Estimate
+from mocap.filters.subspace import bridge
 from mocap.filters.trajectory import Quadratic, covariance, factor, most_probable
 from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from eal.arrays import Array
@@ -26,6 +29,12 @@ STARTS = 3
 UNDECIDED = 0.05
 """A trajectory that starts from mirror images is told of where it is more probable than this."""
 
+
+ALARMS = 0.01
+"""Share of the frames of a trial like those that were learned from whose poses are called unlike them."""
+
+DISTANCE = 20
+"""Of a camera, in RMS distances of markers from the middle of the animal: it has that in a picture 6 degrees wide."""
 
 SAME = 0.01
 """Two ends of the search are one where they differ by less than this share of the animal's size."""
@@ -41,7 +50,7 @@ class Found:
         poses: The most probable trajectory.
         costs: What it cost after each step.
         other: Probability of the mirror image.
-        unlike: (T,) frames whose seen markers fit worse than those of trials that a model was not learned from.
+        unlike: (T,) frames whose seen markers fit worse than ``limit``.
         residual_px: (T, M) what is left of the rays.
     """
 
@@ -141,6 +150,7 @@ def track_views(
     prior: PosePrior,
     views: Views,
     *,
+    limit: float = np.inf,
     asked: Asked | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Found:
@@ -149,6 +159,7 @@ def track_views(
     Args:
         prior: What trials tell.
         views: What was seen; deviations are those of the pixels alone.
+        limit: Poses of which ``strange`` is more are unlike those of the trials (``most_strange``).
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
 
@@ -156,8 +167,7 @@ def track_views(
         FilterError: no frame shows enough markers.
     """
     tell = progress or (lambda _share: None)
-    every = max(1, round(prior.turn_s / prior.dt_s / STARTS))
-    starts = starts_of(prior, views, every=every)
+    starts = starts_of(prior, views, every=every_so_many(prior))
     scale = px_per_m(views, starts.position_m)[:, None, None]
     views = replace(views, sd_px=np.maximum(views.sd_px, scale * prior.noise_m))
     # what shapes leave is noise of the rays at first. It does not change with what is estimated: an animal that is
@@ -199,20 +209,79 @@ def track_views(
         poses=best,
         costs=tuple(costs),
         other=other,
-        unlike=unlike(recorded, best),
+        unlike=strange(recorded, best) > limit,
         residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
     )
 
 
-def unlike(recorded: Recorded, at: Poses) -> NDArray[np.bool_]:
-    """(T,) frames whose seen markers fit shapes worse than those of trials that shapes were not learned from.
+def every_so_many(prior: PosePrior) -> int:
+    """Frames from one start to the next."""
+    return max(1, round(prior.turn_s / prior.dt_s / STARTS))
 
-    A phase that trials lack is drawn to the nearest that they have, and misses what was seen: poses are invented there.
+
+def strange(recorded: Recorded, at: Poses) -> Array:
+    """(T,) how badly seen markers fit poses; NaN where too few are seen.
+
+    Minus log of Student's t, as rays are believed by, a ray, in the time in which what shapes leave errs alike. A phase
+    that trials lack is drawn to the nearest that they have, and misses what was seen: poses are invented there.
     """
-    seen = recorded.views.seen.sum(axis=(0, 2))
-    seen = np.where(seen >= LEAST_MARKERS, seen, 0)
-    squared = np.sum(recorded.views.missed(recorded.markers(at)) ** 2, axis=(0, 2, 3))
-    return running(np.where(seen > 0, squared, 0.0), 2 * seen, recorded.prior.lasts) > recorded.prior.misfit
+    count = recorded.views.seen.sum(axis=(0, 2))
+    count = np.where(count >= LEAST_MARKERS, count, 0)
+    cost = recorded.views.cost(recorded.markers(at))
+    return running(np.where(count > 0, cost, 0.0), count, recorded.prior.lasts)
+
+
+def most_strange(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> float:
+    """What ``strange`` exceeds in ``ALARMS`` of the frames of trials that were not learned from.
+
+    Each trial (of a single one each half) is tracked with what the others tell, as a camera sees it that looks along
+    one of the body's axes: how far shapes and depth follow what is wrong depends on what one camera sees.
+
+    Args:
+        trials: As of ``learn_prior``.
+        trunk: Indices of the trunk's markers.
+    """
+    parts = list(trials)
+    if len(parts) == 1:
+        whole, half = parts[0], len(parts[0].t_s) // 2
+        parts = [
+            replace(whole, t_s=whole.t_s[s], xyz_m=whole.xyz_m[s], sd_m=whole.sd_m[s])
+            for s in (slice(half), slice(half, None))
+        ]
+    found = []
+    for k, own in enumerate(parts):
+        others = [*parts[:k], *parts[k + 1 :]]
+        prior = learn_prior(others, trunk)
+        pose = poses_of([*others, own], trunk)[-1]
+        some = np.arange(0, len(own.t_s), every_so_many(prior))
+        at = Poses(
+            position_m=pose.frames.position_m[some],
+            rotation=pose.frames.rotation[some],
+            z=(bridge(pose.y)[some] - prior.mean) @ prior.basis,
+        )
+        for axis in range(3):
+            recorded = Recorded(prior=prior, views=_from_afar(own, prior, at, np.roll(np.eye(3), axis, axis=0)))
+            start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
+            with suppress(FilterError):
+                found.append(strange(recorded, most_probable(recorded, between(start, some, len(own.t_s)))))
+    known = np.concatenate([np.zeros(0), *found])
+    return float(np.quantile(known[np.isfinite(known)], 1 - ALARMS)) if np.isfinite(known).any() else np.inf
+
+
+def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array) -> Views:
+    """A trial as a camera sees it that looks along the last of some axes (3, 3) of the mean body.
+
+    What shapes leave of a trial contains the noise of its markers.
+    """
+    turn = axes @ Rotation.from_matrix(at.rotation).mean().as_matrix().T
+    middle = np.mean(at.position_m, axis=0)
+    distance = DISTANCE * np.sqrt(np.sum(prior.mean**2) / prior.markers) + float(
+        np.abs((at.position_m - middle) @ turn[2]).max()
+    )
+    local = (trial.xyz_m - middle) @ turn.T + [0.0, 0.0, distance]
+    matrix = np.column_stack([turn, [0.0, 0.0, distance] - turn @ middle])
+    sd = np.broadcast_to(prior.left_sd[::3] / distance, (1, *local.shape[:2]))
+    return Views(matrices=matrix[None], uv_px=(local[..., :2] / local[..., 2:])[None], sd_px=sd)
 
 
 def counted_once(recorded: Recorded, at: Poses, rows: Array) -> list[Array]:

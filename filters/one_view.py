@@ -84,6 +84,10 @@ class Poses:
     rotation: Array
     z: Array
 
+    def of(self, index: NDArray[np.int64]) -> "Poses":
+        """Those of some frames."""
+        return Poses(position_m=self.position_m[index], rotation=self.rotation[index], z=self.z[index])
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Recorded:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
@@ -11,6 +11,7 @@ from mocap.filters.size import LEAST, relative_size, sized_like
 from mocap.filters.subspace import principal_components, structure
 from mocap.filters.whittaker import smooth_series
 from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from eal import EmpiricalPotential
@@ -18,9 +19,6 @@ from eal.arrays import Array
 
 MATERN_3_HALF = 1.6783
 """Lag at which the correlation of a Matern-3/2 process of unit rate, (1 + s) exp(-s), is a half."""
-
-ALARMS = 0.01
-"""Share of the frames of a trial like those that were learned from whose poses are called unlike them."""
 
 LEAST_MARKERS = 4
 """Markers that a frame must show: a pose has six numbers of place and orientation, a ray two."""
@@ -103,8 +101,6 @@ class PosePrior:
         left_decay: e is a Matern-3/2 process that keeps this share from frame to frame.
         size_sd: Deviation of the logarithm of the animal's size.
         turn_s: Time in which the motion of the shape turns by a radian.
-        misfit: Mean square of what shapes leave of the markers seen in a frame, over ``left_sd`` and smoothed over the
-            time that it lasts, which ``ALARMS`` of the frames of trials exceed that shapes were not learned from.
         dt_s: Time step.
     """
 
@@ -124,7 +120,6 @@ class PosePrior:
     left_decay: float
     size_sd: float
     turn_s: float
-    misfit: float
     dt_s: float
 
     @property
@@ -178,8 +173,6 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
     rate = np.concatenate([np.gradient(z, dt_s, axis=0)[k] for z, k in zip(smooth, keep, strict=True)])
     now, before, constant, noise = autoregression(smooth)
     left = left_over(parts if len(parts) > 1 else np.array_split(y, 2), rank)
-    left_sd = np.sqrt(np.nanmean(np.concatenate(left).reshape(len(y), -1, 3) ** 2, axis=(0, 2)))
-    left_sd = np.where(np.isfinite(left_sd), left_sd, np.nanmax(left_sd))
     turn = [
         Rotation.from_matrix(np.swapaxes(p.frames.rotation[:-1], 1, 2) @ p.frames.rotation[1:]).as_rotvec()
         for p in poses
@@ -200,12 +193,11 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
         hold=Barrier(learn_potential(shapes), 0.5 * rank / max(unseen, 1e-9)),
         body_noise=np.median([body_density(p) for p in poses], axis=0) * dt_s**3,
         body_step=np.mean(np.concatenate([np.concatenate(moved), np.concatenate(turn)], axis=1) ** 2, axis=0) + 1e-12,
-        left_sd=np.repeat(left_sd, 3),
+        left_sd=np.repeat(marker_sd(left), 3),
         noise_m=float(np.nanmedian(np.concatenate([t.sd_m[t.seen] for t in trials]))),
         left_decay=decay,
         size_sd=size_sd,
         turn_s=float(np.sqrt(shapes.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300))),
-        misfit=misfit_of([one / np.repeat(left_sd, 3) for one in left], lasting_frames(decay)),
         dt_s=dt_s,
     )
 
@@ -215,14 +207,42 @@ def lasting_frames(decay: float) -> float:
     return max(1.0, 4 / -np.log(decay))
 
 
-def misfit_of(left: Sequence[Array], lasts: float) -> float:
-    """See ``PosePrior.misfit``; of whitened (T, 3M) series."""
-    means = []
-    for one in left:
-        count = np.isfinite(one).sum(axis=1)
-        count = np.where(count >= 3 * LEAST_MARKERS, count, 0)
-        means.append(running(np.where(count > 0, np.nansum(one**2, axis=1), 0.0), count, lasts))
-    return float(np.nanquantile(np.concatenate(means), 1 - ALARMS))
+def marker_sd(left: Sequence[Array]) -> Array:
+    """(M,) deviation of a coordinate of what shapes leave of each marker in a trial to come.
+
+    Markers are placed elsewhere in one trial than in another, few trials tell by how much: a marker's mean square over
+    them is drawn towards that of all markers by the share under which trials that are left out are likeliest, and
+    scaled so that these err by one deviation.
+
+    Args:
+        left: (T, 3M) of each trial, as ``left_over`` gives it; two or more.
+    """
+    squares = np.array([_mean_squares(one) for one in left])
+
+    def expected(share: float, of: Array) -> Array:
+        seen = np.isfinite(of)
+        overall = of[seen].mean()
+        own = np.where(seen, of, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        return np.where(seen.any(axis=0), (1 - share) * own + share * overall, overall)
+
+    def ratios(share: float) -> tuple[Array, Array]:
+        others = np.array([expected(share, np.delete(squares, k, axis=0)) for k in range(len(squares))])
+        known = np.isfinite(squares)
+        return squares[known] / others[known], others[known]
+
+    def unlikely(share: float) -> float:
+        ratio, variance = ratios(share)
+        return float(np.log(ratio.mean()) + np.log(variance).mean())
+
+    best: Any = minimize_scalar(unlikely, bounds=(1e-3, 1.0), method="bounded")
+    return np.sqrt(ratios(best.x)[0].mean() * expected(best.x, squares))
+
+
+def _mean_squares(left: Array) -> Array:
+    """(M,) mean squares of a coordinate of (T, 3M); NaN of markers that were not seen."""
+    seen = np.isfinite(left)
+    total, count = (x.reshape(len(left), -1, 3).sum(axis=(0, 2)) for x in (np.where(seen, left, 0.0) ** 2, seen))
+    return np.where(count > 0, total / np.maximum(count, 1) + 1e-14, np.nan)  # at least a tenth of a micrometre
 
 
 def running(total: Array, count: Array, width: float) -> Array:

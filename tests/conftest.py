@@ -61,7 +61,7 @@ SLOW = {
     "filters/test_mechanics_identified.py": 2,
     "filters/test_mixture.py": 2,
     "filters/test_observe.py": 9,
-    "filters/test_one_camera.py": 3,
+    "filters/test_one_camera.py": 15,
     "filters/test_recording_alone.py": 4,
     "filters/test_rigid.py": 8,
     "filters/test_shape_mechanics.py": 2,

@@ -10,7 +10,7 @@ from mocap.cleaning.robust_rays import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
 from mocap.filters.moving import asked_of
-from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, track_views
+from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, most_strange, track_views
 from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import learn_prior
 from mocap.filters.poses import MarkerTrial
@@ -122,7 +122,8 @@ def track_one_camera(
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(shown))), LEAST_PX)
     views = Views(matrices=film.matrices, uv_px=shown, sd_px=np.full(shown.shape[:3], noise))
     asked = asked_for(names, skeleton, n_frames=len(t_s))
-    found = track_views(prior, views, asked=asked_of(own, asked), progress=progress)
+    limit = most_strange(trials, trunk)
+    found = track_views(prior, views, limit=limit, asked=asked_of(own, asked), progress=progress)
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
     found = replace(found, estimate=replace(found.estimate, xyz_m=believed))
     why = (

@@ -1,55 +1,10 @@
 """The most probable trajectory and its covariance."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from mocap.filters.trajectory import Quadratic, covariance, factor, most_probable
 
-from eal import EmpiricalPotential
-from eal.arrays import Array
-from tests.reference.circle_posterior import FIRST, NOISE, SEEN, Walk, drawn, exact, potential
-
-
-@dataclass(frozen=True, eq=False)
-class Circle:
-    """The walk of ``circle_posterior`` as a problem."""
-
-    v: EmpiricalPotential
-    walk: Walk
-
-    def cost(self, x: Array) -> float:
-        """Minus log of the density."""
-        first = np.sum((x[0] - FIRST[0]) ** 2) / FIRST[1] ** 2
-        steps = np.sum(np.diff(x, axis=0) ** 2) / self.walk.walk**2
-        seen = np.nansum((x - self.walk.seen) ** 2) / NOISE**2
-        return float(0.5 * (first + steps + seen) + self.walk.weight * self.v.barrier_value(x).sum())
-
-    def quadratic(self, x: Array) -> Quadratic:
-        """To second order, without negative curvature."""
-        seen, one = np.isfinite(self.walk.seen[:, :1]), 1 / self.walk.walk**2
-        gradient = np.where(seen, x - np.nan_to_num(self.walk.seen), 0.0) / NOISE**2
-        gradient += self.walk.weight * self.v.barrier_gradient(x)
-        gradient[0] += (x[0] - FIRST[0]) / FIRST[1] ** 2
-        gradient[1:] += one * np.diff(x, axis=0)
-        gradient[:-1] -= one * np.diff(x, axis=0)
-        own = seen[:, 0] / NOISE**2 + one * np.r_[1, np.full(len(x) - 2, 2), 1]
-        own[0] += 1 / FIRST[1] ** 2
-        values, vectors = np.linalg.eigh(self.walk.weight * self.v.barrier_hessian(x))
-        bent = (vectors * np.maximum(values, 0)[:, None]) @ np.swapaxes(vectors, 1, 2)
-        across = np.broadcast_to(-one * np.eye(2), (len(x) - 1, 2, 2))
-        return Quadratic(value=self.cost(x), gradient=gradient, band=(own[:, None, None] * np.eye(2) + bent, across))
-
-    def moved(self, x: Array, step: Array) -> Array:
-        """Straight on."""
-        return x + step
-
-    def start(self) -> Array:
-        """On the circle, from what was seen before the gap to what was seen after it."""
-        seen = np.isfinite(self.walk.seen[:, 0])
-        angle = np.unwrap(np.arctan2(self.walk.seen[seen, 1], self.walk.seen[seen, 0]))
-        angle = np.interp(np.arange(len(seen)), np.flatnonzero(seen), angle)
-        return np.column_stack([np.cos(angle), np.sin(angle)])
+from tests.reference.circle_posterior import SEEN, Circle, drawn, exact, potential
 
 
 @pytest.mark.parametrize(("walk", "weight", "gap"), [(0.06, 300, 30), (0.15, 30, 20), (0.06, 300, 60)])

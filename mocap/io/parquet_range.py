@@ -91,7 +91,7 @@ class ParquetPoints:
             )
         return out
 
-    def read(self, frames: slice) -> tuple[MarkerTracks, NDArray[np.bool_]]:
+    def read(self, frames: slice) -> tuple[MarkerTracks, NDArray[np.int8]]:
         """Some frames, from 0; and (n, M) which bore another marker's name in the file.
 
         Raises:
@@ -108,7 +108,7 @@ class ParquetPoints:
         table = table.slice(start * m - int(self._rows[first]), (stop - start) * m)
         return self._tracks(table, (stop - start, m))
 
-    def _tracks(self, table: "pa.Table", shape: tuple[int, int]) -> tuple[MarkerTracks, NDArray[np.bool_]]:
+    def _tracks(self, table: "pa.Table", shape: tuple[int, int]) -> tuple[MarkerTracks, NDArray[np.int8]]:
         import pyarrow as pa
 
         def column(name: str) -> Array:

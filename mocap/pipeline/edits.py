@@ -17,7 +17,7 @@ from mocap.cameras import triangulate
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
 from mocap.pipeline.recording import Recording, of_pixels, of_points
-from mocap.pipeline.tracking import Part, learn_motion, track, tracked_motion
+from mocap.pipeline.tracking import Part, learn_motion, track, with_track
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 from mocap.skeleton import Skeleton
 
@@ -298,4 +298,4 @@ def resolved(
     whole = replace(whole, cleaned=True)
     long = Part(frames=slice(0, len(tracks.t_s)), markers=part.markers)
     model = replace(learn_motion(whole, long, "constant_velocity"), t_s=seen.t_s, rigid=None)
-    return window, tracked_motion(of, part, "constant_velocity", track(of, part, model)).markers
+    return window, with_track(of, part, "constant_velocity", track(of, part, model)).tracks

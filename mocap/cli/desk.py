@@ -20,7 +20,7 @@ def desk(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of results and corrections.")] = Path("out/desk"),
     model: Annotated[str, typer.Option(help="As of mocap batch.")] = "auto",
-    validate: Annotated[bool, typer.Option(help="As of mocap batch.")] = True,
+    validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
     jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time.")] = 2,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
 ) -> None:

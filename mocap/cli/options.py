@@ -67,9 +67,7 @@ Sheet = Annotated[str | None, typer.Option(help="Sheet of an Excel file, by name
 SkeletonFile = Annotated[
     Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
 ]
-Edits = Annotated[
-    Path | None, typer.Option(help="Corrections made by hand (edits.jsonl of mocap desk), replayed on the files.")
-]
+Edits = Annotated[Path | None, typer.Option(help="Corrections made by hand (`mocap desk`).")]
 PixelSd = Annotated[float | None, typer.Option(help="SD of a digitised coordinate. Default: estimated.")]
 FitLens = Annotated[
     bool,

@@ -1,5 +1,6 @@
 """Numeric CSV tables with one header line, checked cell by cell before anything is believed."""
 
+import codecs
 import csv
 import io
 import re
@@ -49,6 +50,7 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
         if line == 1:
             if b";" in block and b"," not in block:
                 raise FormatError(f"{path.name}: cells are separated by semicolons; export it with commas")
+            block = block.removeprefix(codecs.BOM_UTF8)
             if header:
                 names, block = _names(path, block)
                 width, line = len(names), 2

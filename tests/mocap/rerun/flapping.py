@@ -125,7 +125,7 @@ def make_run(
     rays = _pixels(cameras, truth, markers, lost, rejected, rng)
     joints, potentials = _joints(body, truth, t_s, n_joints, rng)
     motion = without_rates(markers.names, t_s, xyz, cov, origin == Status.MEASURED)
-    known = {"status": markers.status, "repaired": np.zeros(origin.shape, dtype=bool), **rays}
+    known = {"status": markers.status, "repaired": np.zeros(origin.shape, dtype=np.int8), **rays}
     found = of_points(markers, body, name="flapper-demo")
     if cameras:
         found = replace(found, data=found.data.assign_coords(view=np.array([c.name for c in cameras], dtype=object)))

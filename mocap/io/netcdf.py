@@ -38,11 +38,13 @@ def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False, loose: Collection[
     from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
     variables, attributes = cf_encoder(*encode_dataset_coordinates(dataset))
-    numbers = {str(name): i for i, name in enumerate(dataset.sizes)}
+    coordinates = sorted(map(str, dataset.coords))  # xarray keeps them in sets: in another order in each process
+    numbers = {str(name): i for i, name in enumerate(sorted(dataset.sizes, key=str))}
     written = BytesIO()
     with h5py.File(written, "w", track_order=True) as file:
         scales, others = {}, []
-        for name in sorted(map(str, variables), key=lambda name: name not in numbers):  # coordinates first
+        names = dict.fromkeys((*coordinates, *map(str, variables)))
+        for name in sorted(names, key=lambda name: name not in numbers):  # dimensions first
             one = variables[name]
             pack = (
                 PACKED if packed and name in dataset.data_vars and name not in loose and one.size and one.ndim else {}

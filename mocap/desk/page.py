@@ -4,14 +4,14 @@ from collections.abc import Callable
 from http import HTTPStatus
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import Field, model_validator
 from starlette.applications import Starlette
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from mocap.desk.desk import MEND, PASSED, Desk
-from mocap.digitising.overlays import scene_routes, shell
-from mocap.web import Nothing, Query, below, limits_of, page, task
+from mocap.digitising.overlays import ClickAt, ExchangeOf, RangeOf, SeenAt, ShownAt, scene_routes, shell
+from mocap.web import Nothing, Query, page, task
 
 Q = TypeVar("Q", bound=Query)
 _Text = Annotated[str, Field(max_length=500)]
@@ -37,38 +37,6 @@ class _Passed(_Trial):
     kind: Literal[*PASSED]  # pyright: ignore[reportInvalidTypeForm]
 
 
-class _Seen(Query):
-    camera: Annotated[int, below("cameras")]
-    frame: Annotated[int, below("frames")]
-
-
-class _Shown(Query):
-    frame: Annotated[int, below("frames")]
-    marker: Annotated[int, below("markers")]
-
-
-class _Placed(_Seen):
-    marker: Annotated[int, below("markers")]
-    uv_px: tuple[float, float] | None
-
-    @model_validator(mode="after")
-    def _in_the_picture(self, info: ValidationInfo) -> Self:
-        size = limits_of(info)["sizes"][self.camera]
-        if self.uv_px is not None and not all(0.5 <= x <= n + 0.5 for x, n in zip(self.uv_px, size, strict=True)):
-            raise ValueError(f"expected a place in the picture of {size[0]:g} x {size[1]:g} px")
-        return self
-
-
-class _Range(Query):
-    marker: Annotated[int, below("markers")]
-    first: Annotated[int, below("frames")]
-    last: Annotated[int, below("frames")]
-
-
-class _Exchange(_Range):
-    other: Annotated[int, below("markers")]
-
-
 class _Curve(Query):
     name: _Text
 
@@ -90,7 +58,7 @@ def desk_page(desk: Desk) -> Starlette:
         )
         return info
 
-    def picture(seen: _Seen) -> Response:
+    def picture(seen: SeenAt) -> Response:
         found = desk.opened().picture(seen.camera, seen.frame)
         status = HTTPStatus.NOT_FOUND if found is None else HTTPStatus.OK
         return Response(found, status, media_type="image/png")
@@ -101,12 +69,12 @@ def desk_page(desk: Desk) -> Starlette:
     def name(marker: int) -> str:
         return desk.opened().raw.names[marker]
 
-    def place(at: _Placed) -> str:
+    def place(at: ClickAt) -> str:
         where = {"camera": desk.opened().raw.camera_names[at.camera], "frame": at.frame + 1, "marker": name(at.marker)}
         what = {"what": "unseen"} if at.uv_px is None else {"what": "place", "uv_px": at.uv_px}
         return desk.opened().edit(**where, **what)
 
-    def over(at: _Range, **what: str) -> str:
+    def over(at: RangeOf, **what: str) -> str:
         return desk.opened().edit(marker=name(at.marker), frame=at.first + 1, last=at.last + 1, **what)
 
     return page(
@@ -116,17 +84,17 @@ def desk_page(desk: Desk) -> Starlette:
             reads("/audit", _Trial, lambda given: desk.audit(given.trial)),
             reads("/open", _Trial, opened),
             reads("/progress", Nothing, lambda _: desk.progress()),
-            reads("/frame", _Shown, lambda at: desk.opened().frame(at.frame, at.marker)),
+            reads("/frame", ShownAt, lambda at: desk.opened().frame(at.frame, at.marker)),
             reads("/places", Nothing, places),
             reads("/curve", _Curve, lambda given: desk.opened().curve(given.name)),
-            task("/picture", _Seen, picture, limits=limits),
+            task("/picture", SeenAt, picture, limits=limits),
             *scene_routes(desk.scene),
             changes("/state", _Stated, lambda given: desk.state(given.trial, given.name, given.value)),
             changes("/track", Nothing, lambda _: desk.track()),
             changes("/stop", Nothing, lambda _: desk.stop()),
-            changes("/place", _Placed, place),
-            changes("/exchange", _Exchange, lambda at: over(at, what="exchange", other=name(at.other))),
-            changes("/delete", _Range, lambda at: over(at, what="delete")),
+            changes("/place", ClickAt, place),
+            changes("/exchange", ExchangeOf, lambda at: over(at, what="exchange", other=name(at.other))),
+            changes("/delete", RangeOf, lambda at: over(at, what="delete")),
             changes("/undo", Nothing, lambda _: desk.opened().edit(what="undo")),
             changes("/settle", Nothing, lambda _: desk.opened().settle()),
             changes("/pass", _Passed, lambda given: desk.pass_on(given.trial, given.kind)),

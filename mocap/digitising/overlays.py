@@ -1,19 +1,20 @@
-"""What is drawn over pictures of cameras, and the script that draws it: the page of clicks and the desk share them."""
+"""What is drawn over pictures of cameras, and asked of them: the page of clicks and the desk share it."""
 
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from hashlib import sha256
 from importlib.resources import files
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import cv2
 import numpy as np
+from pydantic import ValidationInfo, model_validator
 from starlette.responses import Response
 from starlette.routing import Route
 
 from eal.arrays import Array
 from mocap.digitising.naming import seen_from
-from mocap.web import Nothing, Query, task
+from mocap.web import Nothing, Query, below, limits_of, task
 
 _POLICY = (
     "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
@@ -24,6 +25,49 @@ _REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % st
 
 Shown = Callable[[int, Array], Array]
 """(N, 2) ideal pixels of a camera as its picture shows them."""
+
+
+class SeenAt(Query):
+    """A camera's picture."""
+
+    camera: Annotated[int, below("cameras")]
+    frame: Annotated[int, below("frames")]
+
+
+class ShownAt(Query):
+    """A frame with a marker chosen."""
+
+    frame: Annotated[int, below("frames")]
+    marker: Annotated[int, below("markers")]
+
+
+class RangeOf(Query):
+    """Frames of a marker, ends included."""
+
+    marker: Annotated[int, below("markers")]
+    first: Annotated[int, below("frames")]
+    last: Annotated[int, below("frames")]
+
+
+class ExchangeOf(RangeOf):
+    """Frames in which two markers bear each other's names."""
+
+    other: Annotated[int, below("markers")]
+
+
+class ClickAt(SeenAt):
+    """A place in a picture; None: not to be seen there."""
+
+    marker: Annotated[int, below("markers")]
+    uv_px: tuple[float, float] | None
+
+    @model_validator(mode="after")
+    def _in_the_picture(self, info: ValidationInfo) -> Self:
+        size = limits_of(info)["sizes"][self.camera]
+        # the centre of the first pixel is at (1, 1)
+        if self.uv_px is not None and not all(0.5 <= x <= n + 0.5 for x, n in zip(self.uv_px, size, strict=True)):
+            raise ValueError(f"expected a place in the picture of {size[0]:g} x {size[1]:g} px")
+        return self
 
 
 def ellipses(matrices: Array, xyz_m: Array, cov_m2: Array, shown: Shown, *, y_up: bool = False) -> Array:

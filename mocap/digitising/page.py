@@ -6,10 +6,9 @@ from http import HTTPStatus
 from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import ValidationInfo, model_validator
 from starlette.applications import Starlette
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
@@ -19,11 +18,23 @@ from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.digitising.films import Films
-from mocap.digitising.overlays import ellipses, epipolar_lines, listed, png, scene_routes, shell
+from mocap.digitising.overlays import (
+    ClickAt,
+    ExchangeOf,
+    RangeOf,
+    SeenAt,
+    ShownAt,
+    ellipses,
+    epipolar_lines,
+    listed,
+    png,
+    scene_routes,
+    shell,
+)
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.skeleton import Skeleton, read_skeleton
-from mocap.web import Nothing, Query, below, limits_of, page, task
+from mocap.web import Nothing, Query, below, page, task
 
 SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
@@ -249,41 +260,8 @@ def open_session(
     )
 
 
-class _Seen(Query):
-    camera: Annotated[int, below("cameras")]
-    frame: Annotated[int, below("frames")]
-
-
-class _Shown(Query):
-    frame: Annotated[int, below("frames")]
-    marker: Annotated[int, below("markers")]
-
-
 class _After(Query):
     after: Annotated[int, below("places")]
-
-
-class _Range(Query):
-    marker: Annotated[int, below("markers")]
-    first: Annotated[int, below("frames")]
-    last: Annotated[int, below("frames")]
-
-
-class _Swap(_Range):
-    other: Annotated[int, below("markers")]
-
-
-class _Click(_Seen):
-    marker: Annotated[int, below("markers")]
-    uv_px: tuple[float, float] | None
-
-    @model_validator(mode="after")
-    def _in_the_picture(self, info: ValidationInfo) -> Self:
-        size = limits_of(info)["sizes"][self.camera]
-        # the centre of the first pixel is at (1, 1)
-        if self.uv_px is not None and not all(0.5 <= x <= n + 0.5 for x, n in zip(self.uv_px, size, strict=True)):
-            raise ValueError(f"expected a place in the picture of {size[0]} x {size[1]} px")
-        return self
 
 
 def digitise_page(session: Session) -> Starlette:
@@ -301,7 +279,7 @@ def digitise_page(session: Session) -> Starlette:
     def changes(path: str, query: type[Q], work: Callable[[Q], str]) -> Route:
         return task(path, query, lambda given: JSONResponse({"said": work(given)}), limits=limits, changes=True)
 
-    def picture(seen: _Seen) -> Response:
+    def picture(seen: SeenAt) -> Response:
         png = session.picture(seen.camera, seen.frame)
         return Response(png, HTTPStatus.NOT_FOUND if png is None else HTTPStatus.OK, media_type="image/png")
 
@@ -309,13 +287,13 @@ def digitise_page(session: Session) -> Starlette:
         [
             shell("mocap.digitising", "page.html"),
             reads("/info", Nothing, lambda _: session.info()),
-            reads("/frame", _Shown, lambda at: session.frame(at.frame, at.marker)),
+            reads("/frame", ShownAt, lambda at: session.frame(at.frame, at.marker)),
             reads("/question", _After, lambda given: session.question(given.after)),
-            task("/picture", _Seen, picture, limits=limits),
+            task("/picture", SeenAt, picture, limits=limits),
             *scene_routes(session.scene),
-            changes("/click", _Click, lambda given: session.click(Click(**dict(given)))),
-            changes("/swap", _Swap, lambda at: session.swap(at.marker, at.other, at.first, at.last)),
-            changes("/delete", _Range, lambda at: session.delete(at.marker, at.first, at.last)),
+            changes("/click", ClickAt, lambda given: session.click(Click(**dict(given)))),
+            changes("/swap", ExchangeOf, lambda at: session.swap(at.marker, at.other, at.first, at.last)),
+            changes("/delete", RangeOf, lambda at: session.delete(at.marker, at.first, at.last)),
             changes("/undo", Nothing, lambda _: session.undo()),
             changes("/track", Nothing, lambda _: session.run()),
         ]

@@ -108,7 +108,8 @@ def _closed(cluster: LocalCluster) -> Iterator[None]:
     """End a cluster.
 
     Dask stops halfway with a KeyError where a worker that has just been started anew is asked to leave before its
-    connection stands: asked again, until it does.
+    connection stands, or where one left before Dask had noted that it came: what it watched workers with has ended by
+    it, and would raise it each time that it is awaited. It is asked again, without it, until it does.
     """
     try:
         yield
@@ -121,6 +122,7 @@ def _closed(cluster: LocalCluster) -> Iterator[None]:
                 if monotonic() > end:
                     raise
                 cluster.status = Status.failed  # type: ignore[misc]  # of one that closes, a second call would wait
+                cluster._watch_worker_status_task = None  # no public name drops it
                 sleep(0.1)
 
 

@@ -242,6 +242,18 @@ def test_when_no_worker_is_left_others_are_started(lab, undisturbed, scheduler, 
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
+def test_a_worker_goes_before_its_cluster_knew_of_it(monkeypatch):
+    """What watches the workers ends by a KeyError, which each call to close would raise again."""
+
+    def unknown(*event):
+        raise KeyError(event[-1])
+
+    with engine.client(jobs=1, memory=None, scheduler=None) as connected:
+        cluster = connected.cluster
+        monkeypatch.setattr(LocalCluster, "_update_worker_status", unknown)
+    assert cluster.status == Status.closed
+
+
 def test_a_worker_starts_while_its_cluster_is_closed(monkeypatch):
     """Dask raises the address of a worker whose connection does not stand yet, and leaves the others running."""
     retire, asked = Scheduler.retire_workers, []

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from eal.arrays import Array, read_only
 from eal.lagrangian import PenalisedModel
@@ -251,6 +250,8 @@ def integrate_adaptive(
     Raises:
         IntegrationError: SciPy gave up; its message is repeated.
     """
+    from scipy.integrate import solve_ivp  # 0.15 s, for those who integrate
+
     q0, v0 = np.broadcast_arrays(np.asarray(q0, dtype=np.float64), np.asarray(v0, dtype=np.float64))
     shape, size = q0.shape, q0.size
     share = np.sqrt(max(size // shape[-1], 1))

@@ -9,7 +9,6 @@ from mocap.filters.conditional import Normal, moments, patterns
 from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import linkage
 from scipy.optimize import nnls
 from scipy.spatial.distance import squareform
 from scipy.special import fdtri
@@ -65,6 +64,8 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
     of a recording are one body where their distances vary by no more than the noise of both ends. Of sets in each other
     the one that stands out most is taken.
     """
+    from scipy.cluster.hierarchy import linkage  # 0.1 s, for those who look for bodies
+
     spread, samples = distance_spread(trial)
     count = len(spread)
     if count < LEAST:

@@ -19,9 +19,9 @@ from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import Observed, observe, unused
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked
-from threadpoolctl import threadpool_limits
 
 from eal.arrays import Array
+from eal.threads import one_blas_thread
 
 Progress = Callable[[float], None]
 
@@ -156,7 +156,7 @@ def smooth_together(
     xyz, cov, angles, energies = [], [], [], []
     keeper = None if asked is None else RateKeeper(model, asked)
     holder = None if asked is None else HeldKeeper.of(model)
-    with threadpool_limits(1):
+    with one_blas_thread():
         half = None if progress is None else (lambda share: progress(0.5 * share))
         before: list[Moments | None] = [None]
         observed: list[Observed] = []

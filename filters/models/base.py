@@ -21,9 +21,9 @@ from mocap.filters.size import sized_like
 from mocap.filters.track import smooth
 from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from eal.arrays import Array
+from eal.threads import one_blas_thread
 
 Progress = Callable[[float], None]
 Call = Callable[..., Any]
@@ -147,7 +147,7 @@ def estimate(
     progress: Progress | None = None,
 ) -> Estimate:
     """Fit a model to trials and fill the last one; on one BLAS thread, which is faster than two at these sizes."""
-    with threadpool_limits(1):
+    with one_blas_thread():
         return model.fit(trials).fill(observations, asked=asked, progress=progress)
 
 

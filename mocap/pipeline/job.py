@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from eal.over_time import at_frames
+from eal.threads import one_blas_thread
 from mocap.errors import MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
@@ -100,7 +100,7 @@ def run_job(
         MocapError: what makes it impossible, with what to do.
     """
     stages = stages or Stages()
-    with threadpool_limits(1):  # at these sizes two BLAS threads only wait for each other
+    with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
         if not source.cleaned and of_one_camera(source):
             return _one_camera(source, learned, stages)
         recording, part, reason, learned = _prepared(source, model, learned, stages)

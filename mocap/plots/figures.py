@@ -132,6 +132,7 @@ def write_pictures(shown: Sequence[Picture], folder: Path) -> dict[str, str]:
     out: dict[str, str] = {}
     for one in shown:
         (folder / FOLDER / f"{one.name}.png").write_bytes(drawn(one.figure, "png"))
+        one.figure.set_layout_engine("none")  # type: ignore[attr-defined]  # of the PNG: it takes as long as drawing
         svg = drawn(one.figure, "svg")
         (folder / FOLDER / f"{one.name}.svg").write_bytes(svg)
         out[one.name] = svg.decode("utf-8")

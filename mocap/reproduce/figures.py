@@ -6,9 +6,9 @@ from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
-from threadpoolctl import threadpool_limits
 
 from eal.arrays import Array
+from eal.threads import one_blas_thread
 from mocap.reproduce import fig_balance, fig_joints, fig_motion, fig_penalty, fig_samples, fig_time, theorems
 from mocap.reproduce.fig_recordings import RECORDED
 from mocap.reproduce.record import Figure, Verdict, label
@@ -105,7 +105,7 @@ def reproduce(
         raise ValueError(f"spans_s must be times above 0 s, but are {list(spans_s)}")
     out.mkdir(parents=True, exist_ok=True)
     verdicts: list[Verdict] = []
-    with threadpool_limits(1):
+    with one_blas_thread():
         for name in (*names, *(RECORDED if recordings else ())):
             progress(f"figure {name}")
             if name == "19a":

@@ -151,12 +151,16 @@ class Move:
             out[:s, s:] = self._chained(top[:, s:])
             out[s:, :s] = out[:s, s:].T
             size = len(matrix) - s  # F C of chains, and then of its transpose the same
-            half = (self.chain @ matrix[s:, s:].reshape(k, -1)).reshape(size, size)
-            out[s:, s:] = (self.chain @ half.T.reshape(k, -1)).reshape(size, size)
-            if self.decay is not None:
-                each = np.tile(self.decay, k)
-                out[s:, s:] *= each[:, None] * each
+            half = self._stepped(matrix[s:, s:].reshape(k, -1, size))
+            out[s:, s:] = self._stepped(half.T.reshape(k, -1, size))
         return out
+
+    def _stepped(self, columns: Array) -> Array:
+        """(kD, c) columns of chains, (k, D, c), that are carried on."""
+        out = (self.chain @ columns.reshape(len(columns), -1)).reshape(columns.shape)
+        if self.decay is not None:
+            out *= self.decay[:, None]
+        return out.reshape(-1, columns.shape[2])
 
     @property
     def turned(self) -> "Move":
@@ -336,7 +340,7 @@ class Update:
         vector[..., :reads] -= _times(_t(self.rows), pull)
         along = self.gains @ matrix
         across = along @ _t(self.gains)
-        np.einsum("...ii->...i", across)[...] += 1
+        diagonal(across)[...] += 1
         along[..., :reads] -= 0.5 * across @ self.rows
         change = _t(self.rows) @ along
         matrix[..., :reads, :] -= change
@@ -363,7 +367,7 @@ def condition(state: Moments, rows: Array, gains: Array, innovation: Array) -> t
     """
     reads, n = rows.shape[-1], state.mean.shape[-1]
     spread = gains[..., :reads] @ _t(rows)
-    widest = float(np.einsum("...ii->...i", spread).max(initial=0.0))
+    widest = float(diagonal(spread).max(initial=0.0))
     if widest > MOST:
         share = 0.5 * MOST / widest
         before, first = condition(state, share**0.5 * rows, share**0.5 * gains, share**0.5 * innovation)
@@ -403,14 +407,14 @@ def whitened(spread: Array, right: Array) -> tuple[Array, float]:
     Raises:
         np.linalg.LinAlgError: it is not positive definite.
     """
-    np.einsum("...ii->...i", spread)[...] += 1
+    diagonal(spread)[...] += 1
     if spread.ndim == 2:
         factor = cholesky(spread.T)  # symmetric: as LAPACK has it in memory
         solved = dtrsm(1.0, factor, right.T, side=1, lower=1, trans_a=1, overwrite_b=1).T
     else:
         factor = np.linalg.cholesky(spread)
         solved = np.linalg.solve(factor, right)
-    return solved, 2 * float(np.log(np.einsum("...ii->...i", factor)).sum())
+    return solved, 2 * float(np.log(diagonal(factor)).sum())
 
 
 def _t(matrix: Array) -> Array:
@@ -419,6 +423,13 @@ def _t(matrix: Array) -> Array:
 
 def _times(matrix: Array, vector: Array) -> Array:
     return (matrix @ vector[..., None])[..., 0]
+
+
+def diagonal(matrix: Array) -> Array:
+    """(..., n) of (..., n, n): a view that may be written to."""
+    view = matrix.diagonal(axis1=-2, axis2=-1)
+    view.flags.writeable = True
+    return view
 
 
 def diagonal_blocks(spread: Array) -> Array:

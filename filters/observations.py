@@ -6,6 +6,7 @@ error of known variance: statistical linearisation (Gelb 1974; Garcia-Fernandez 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -100,11 +101,26 @@ class PixelObservations:
         """Number of frames."""
         return self.uv_px.shape[1]
 
+    @cached_property
+    def _seen(self) -> NDArray[np.bool_]:
+        """(C, T, M) rays."""
+        return np.isfinite(self.uv_px[..., 0])
+
+    @cached_property
+    def _met(self) -> NDArray[np.bool_]:
+        """(T, M) markers of which rays meet."""
+        return np.isfinite(self.xyz_m[..., 0])
+
+    @cached_property
+    def _apart(self) -> NDArray[np.bool_]:
+        """(T, M) markers of which two rays or more do not."""
+        return (self._seen.sum(axis=0) > 1) & ~self._met
+
     def sights(self, frame: int, mean: Array, cov: Array) -> Sights:
         """Two rows (u, v) for each ray, three for the point of a marker that is predicted vaguely."""
         wide = np.trace(cov, axis1=-2, axis2=-1) > 3 * self.wide_m**2
-        camera, marker = np.nonzero(np.isfinite(self.uv_px[:, frame, :, 0]) & ~wide)
-        points = np.flatnonzero(wide & np.isfinite(self.xyz_m[frame, :, 0]))
+        camera, marker = np.nonzero(self._seen[:, frame] & ~wide)
+        points = np.flatnonzero(wide & self._met[frame])
         n, total = len(camera), len(camera) + len(points)
         innovation, slope, sd = np.zeros((total, 3)), np.zeros((total, 3, 3)), np.ones((total, 3))
         predicted, change, error = linearised_pixels(self.matrices, mean, cov, camera, marker)
@@ -114,8 +130,6 @@ class PixelObservations:
         if len(points):
             slope[n:] = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, points]))
             innovation[n:] = np.einsum("gij,gj->gi", slope[n:], self.xyz_m[frame, points] - mean[points])
-        several = np.isfinite(self.uv_px[:, frame, :, 0]).sum(axis=0) > 1
-        apart = (several & np.isnan(self.xyz_m[frame, :, 0]))[marker]
         return Sights(
             where=np.stack([np.append(camera, np.full_like(points, WHOLE)), np.append(marker, points)], axis=1),
             size=np.repeat([2, 3], [n, len(points)]),
@@ -123,7 +137,7 @@ class PixelObservations:
             slope=slope,
             sd=sd,
             dof=np.append(np.full(n, np.inf) if self.dof is None else self.dof[camera], np.full(len(points), np.inf)),
-            apart=np.append(apart, np.zeros(len(points), dtype=bool)),
+            apart=np.append(self._apart[frame, marker], np.zeros(len(points), dtype=bool)),
         )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.gaussian import Markers, Moments, Update, diagonal_blocks
+from mocap.filters.gaussian import Markers, Moments, Update, diagonal, diagonal_blocks
 from mocap.filters.observations import Sights
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv  # type: ignore[attr-defined]  # made at run time
@@ -153,10 +153,11 @@ def _posterior_markers(summed: Array, together: Array) -> tuple[Array, Array]:
         left = np.linalg.solve(np.eye(3) + together @ information, together)
         return np.einsum("mij,mj->mi", left, j), left
     size = len(together)
-    least = 1e-12 * np.trace(information, axis1=1, axis2=2)  # one ray leaves a direction free
-    information = information + least[:, None, None] * np.eye(3)
+    information = information.copy()
+    own = diagonal(information)
+    own += 1e-12 * own.sum(axis=1, keepdims=True)  # one ray leaves a direction free
     system = (information @ together.reshape(-1, 3, size)).reshape(size, size)
-    np.einsum("ii->i", system)[...] += 1
+    diagonal(system)[...] += 1
     right = np.concatenate([together, (together @ j.ravel())[None]])  # its transpose, as LAPACK has it in memory
     _, _, found, _ = dgesv(system.T, right.T, overwrite_a=1, overwrite_b=1)
     return found[:, -1].reshape(-1, 3), diagonal_blocks(found[:, :-1])

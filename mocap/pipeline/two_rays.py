@@ -19,6 +19,7 @@ from mocap.filters.model import LearnedModel, trials_for
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
+from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
@@ -145,7 +146,7 @@ def _without_wrong_points(
     doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
     if not asked.any() or not _can_expect(doubted, part, learned):
         return recording
-    xyz, cov = _expected(doubted, part, pose, learned)
+    xyz, cov = _expected(doubted, part, pose, _trials(doubted, part, learned))
     far = asked & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=asked) > FAR)
     if far.any():
         away_m = np.where(far, np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.nan)
@@ -192,7 +193,7 @@ def _without_wrong_rays(
 
     The filter is given neither ray of such a run, and has not learned from their points.
     """
-    checked, wrong = recording, np.zeros(recording.uv_px.shape[:3], dtype=bool)
+    checked, wrong, trials = recording, np.zeros(recording.uv_px.shape[:3], dtype=bool), None
     for _ in range(ROUNDS):
         runs, hidden = disagreements(checked, wrong), np.zeros(wrong.shape[1:], dtype=bool)
         for run in runs:
@@ -200,7 +201,8 @@ def _without_wrong_rays(
         doubted = checked.having(position=np.where(hidden[..., None], np.nan, checked.xyz_m))
         if not runs or not _can_expect(doubted, part, learned):
             break
-        more = _wrong_rays(checked, runs, *_expected(doubted, part, pose, learned, hidden=hidden))
+        trials = _trials(doubted, part, learned, trials)  # a round that doubts no more points learns from the same
+        more = _wrong_rays(checked, runs, *_expected(doubted, part, pose, trials, hidden=hidden))
         if not more.any():
             break
         wrong |= more
@@ -236,12 +238,12 @@ def _expected(
     recording: Recording,
     part: Part,
     pose: PoseSettings,
-    learned: LearnedModel | None,
+    trials: TrialSet,
     *,
     hidden: Mask | None = None,
 ) -> tuple[Array, Array]:
     """Where the pose filter expects markers: (T, M, 3) and its (T, M, 3, 3) covariance; NaN where it says nothing."""
-    return _whole(recording, part, track(recording, part, pose.fit(_trials(recording, part, learned)), hidden=hidden))
+    return _whole(recording, part, track(recording, part, pose.fit(trials), hidden=hidden))
 
 
 def _whole(recording: Recording, part: Part, smoothed: Estimate) -> tuple[Array, Array]:
@@ -302,12 +304,18 @@ def _pose(recording: Recording, part: Part, learned: LearnedModel | None) -> Pos
     return pose.tuned(_trials(recording, part, learned))
 
 
-def _trials(recording: Recording, part: Part, learned: LearnedModel | None) -> TrialSet:
-    """What is left of the recording, and other trials."""
+def _trials(recording: Recording, part: Part, learned: LearnedModel | None, known: TrialSet | None = None) -> TrialSet:
+    """What is left of the recording, and other trials: those that are known, with their models, if it is the same."""
     names, skeleton, own = part_names(recording, part), recording.skeleton, marker_trial(recording, part)
+    if known is not None and _same(known.trials[-1], own):
+        return known
     if learned is not None:
         return trials_for(learned, names, own)
     return TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
+
+
+def _same(a: MarkerTrial, b: MarkerTrial) -> bool:
+    return all(np.array_equal(x, y, equal_nan=True) for x, y in ((a.xyz_m, b.xyz_m), (a.sd_m, b.sd_m)))
 
 
 def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:

@@ -54,7 +54,7 @@ def trunk_shape(xyz_m: Array) -> Array:
     points = np.where(seen[..., None], xyz_m, 0.0)
     ever = np.asarray(seen.any(axis=0))
     shape = _first_shape(points, seen, int(np.argmax(seen.sum(axis=1))))
-    for _ in range(10):
+    for _ in range(10):  # rounds of alignment
         rotation, position, oriented = aligned(points, seen, shape)
         turned = np.einsum("tji,tkj->tki", rotation, points - position[:, None])
         use = (seen & oriented[:, None]) if oriented.any() else seen

@@ -233,7 +233,7 @@ def _mixture(residuals: Sequence[Residuals]) -> Mixture:
         weight = mixture(x).weights(stated, length)
         squared = np.sum(np.einsum("kn,kni->ni", weight, error) ** 2, axis=1)
         level = np.mean([0.5 * np.log(squared[length == n].mean()) for n in lengths])
-        return float(level + 0.1 * np.sum(x**2))
+        return float(level + 0.1 * np.sum(x**2))  # offsets and slopes stay small that gain little
 
     return mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
 

@@ -209,7 +209,7 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
         uv_px: (C, T, M, 2) pixels as in the file.
         decision: Where rows are counted from.
     """
-    matrices, uv = stacked(cameras), _points(uv_px, 2000)
+    matrices, uv = stacked(cameras), _points(uv_px, 2000)  # so many points judge
     if len(cameras) < 2 or uv.shape[1] < 20:
         return []
     once = decision.ideal(cameras, uv)

@@ -66,7 +66,7 @@ def estimate_offsets(matrices: Array, ideal_px: Array) -> Offsets | None:
     step = sd = np.zeros(n_cameras)
     before = after = 0.0
     samples = 0
-    for turn in range(6):
+    for turn in range(6):  # offsets are applied, and found again
         if turn == 1 and splines is None:
             splines = _splines(ideal)
         shifted = ideal if splines is None else _shifted(ideal, splines, -delay)

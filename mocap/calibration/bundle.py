@@ -42,7 +42,7 @@ def adjust(
     n, unknowns = problem.groups.size, int(problem.start[-1])
     taken_up = np.sqrt(n / max(n - unknowns, 1))
     sd, minimum = median_sd(problem.error_px(scene)), None
-    for _ in range(3 if robust is not None else 1):
+    for _ in range(3 if robust is not None else 1):  # the scale is taken anew
         minimum = problem.solve(scene, sd, robust)
         scene, last = minimum.state, sd
         sd = taken_up * median_sd(problem.error_px(scene))

@@ -170,6 +170,7 @@ def decide_origin(
     """
     uv = uv_px.reshape(len(uv_px), -1, 2)
     uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
+    # so many points judge
     uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 4000)).astype(int)] if uv.size else uv
     lens = any(c.lens is not None for c in cameras)
     heights = [height_px] if height_px is not None else image_heights(cameras)

@@ -86,7 +86,7 @@ def click_noise(
     squares = np.sum(found.residual**2, axis=-1) / worse**2
     typical = np.median(squares[rays] / np.maximum(found.redundancy[rays], 0.1))
     scale = max(float(np.sqrt(typical)), 1e-9)
-    for _ in range(20):
+    for _ in range(20):  # rounds of ECME
         spread = scale * camera_factor[:, None] * marker_factor[marker] * worse
         distance = 2 * np.sum(found.residual**2, axis=-1) / (np.maximum(found.redundancy, 0.05) * spread**2)
         weight = np.where(rays, (dof[:, None] + 2) / (dof[:, None] + distance), 0.0)

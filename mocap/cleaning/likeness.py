@@ -58,7 +58,7 @@ def _in_place(xyz_m: Array, bone: BoneLength, fixed: int, others: int | slice) -
 
 
 def steady_pairs(xyz_m: Array, bones: Bones) -> Bones:
-    """(P, 2) markers without a bone, each with the three others from which its distance varies least, by 20 %."""
+    """(P, 2) markers without a bone, each with up to three others: their distance varies least, by under 20 %."""
     out = []
     boned = {int(m) for m in bones.ravel()}
     for marker in range(xyz_m.shape[1]):

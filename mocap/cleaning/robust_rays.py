@@ -62,7 +62,7 @@ def student_t(
     xyz, cov = xyz_m, np.full((*xyz_m.shape, 3), np.nan)
     rows = np.where(count == 2, 1, 2)  # of two rays only the distance from each other is left
     own = np.sqrt((nu + 4) / (nu + 2)) * spread
-    for _ in range(6):
+    for _ in range(6):  # rounds of reweighting
         ray_sd = own * scale / np.sqrt(weight)
         xyz, cov = refine(matrices, uv_px, xyz, sd_px=ray_sd, iterations=2)
         squares, taken = (part / spread**2 for part in _misses(matrices, uv_px, xyz, cov))

@@ -291,7 +291,7 @@ def settle_all(
 def mixed(swap: Swap, rays: Sequence[Swap], ambiguous: Mask) -> bool:
     """Whether names of two markers differ from camera to camera about the time in which all are to be exchanged."""
     pair = [swap.a, swap.b]
-    first, last = int(swap.frames[0]) - 5, int(swap.frames[-1]) + 5
+    first, last = int(swap.frames[0]) - 5, int(swap.frames[-1]) + 5  # frames about it
     if ambiguous[:, max(first, 0) : last + 1][:, :, pair].any():
         return True
     return any(

@@ -109,7 +109,7 @@ def exchanged_markers(xyz_m: Array, bones: Bones) -> Exchanged:
     swaps: list[Swap] = []
     done: set[Pair] = set()
     bend = bend_scales(xyz)
-    for _ in range(60):  # of more pairs names are hopeless
+    for _ in range(60):  # pairs at most
         crossing = crossing_pairs(xyz, bend)
         found: dict[Pair, tuple[list[Swap], Mask]] = {}
         for by_bones in (False, True):

@@ -61,7 +61,7 @@ def strength_of(found: Array, before: Strength) -> Strength:
         levels = np.log(np.maximum(row[np.isfinite(row)], 1e-3))
         if len(levels) >= 30:
             low, log_median[c] = np.quantile(levels, (0.16, 0.5))
-            log_sd[c] = max(log_median[c] - low, 0.15)
+            log_sd[c] = max(log_median[c] - low, 0.15)  # of a logarithm, at least
     return Strength(log_median=log_median, log_sd=log_sd)
 
 

@@ -201,18 +201,15 @@ def _flips(camera: Camera, uv: Array) -> list[tuple[str, Array]]:
     return [("with rows counted from below", down), ("mirrored", across), ("turned by 180 degrees", both)]
 
 
-def lens_findings(
-    cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin, *, most_points: int = 2000
-) -> list[Finding]:
+def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin) -> list[Finding]:
     """Whether the lens correction belongs applied once, not at all or twice; and distortion that no file states.
 
     Args:
         cameras: The C cameras.
         uv_px: (C, T, M, 2) pixels as in the file.
         decision: Where rows are counted from.
-        most_points: Points to judge by.
     """
-    matrices, uv = stacked(cameras), _points(uv_px, most_points)
+    matrices, uv = stacked(cameras), _points(uv_px, 2000)  # so many points judge
     if len(cameras) < 2 or uv.shape[1] < 20:
         return []
     once = decision.ideal(cameras, uv)

@@ -7,7 +7,9 @@ is the first of the two who digitised them: at a place (a marker in a frame) he 
 and the marker is solved again around it. All flights are one pile of places, ``AT_A_TIME`` of which are asked between
 two rankings. Errors are distances from the mean of both people's points, of all points that have one. ``table.csv`` has
 a row for each way and seed: clicks and places until ``ENOUGH_M`` is reached (``reached`` 0: not with all that it asks
-for), and the error at 90 % after some numbers of places. ``--quick``: one seed, and no more than ``SOME`` places.
+for), the error at 90 % after some numbers of places, and of the places themselves, as they are solved at the end, how
+far they lie from where the person's clicks meet (``mm_from_clicks``, median) and how many were not believed
+(``rejected``). ``--quick``: one flight, one seed, and no more than ``SOME`` places.
 """
 
 import argparse
@@ -26,13 +28,23 @@ from benchmarks.arena.flights import FPS, Flight, read_flights
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.desk.proof import Proof, places
+from mocap.records import Status
 from mocap.results.tracked import Tracked
 
 ENOUGH_M = 4.2e-3
 AT_A_TIME = 5
 SHOWN = (0, 20, 40, 80, 160)
-SOME = 80
-COLUMNS = ("way", "seed", "reached", "clicks", "places", *(f"mm_90_after_{n}" for n in SHOWN))
+SOME = 40
+COLUMNS = (
+    "way",
+    "seed",
+    "reached",
+    "clicks",
+    "places",
+    "mm_from_clicks",
+    "rejected",
+    *(f"mm_90_after_{n}" for n in SHOWN),
+)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -70,6 +82,12 @@ class Sitting:
         self.proof.settle()
         self.left[frame, marker] = False
         return len(own)
+
+    def answered(self) -> tuple[Array, int]:
+        """How far places lie from where the person's clicks meet, in metres, and how many were not believed."""
+        there = np.isfinite(self.flight.truth_m[..., 0]) & ~self.left
+        off = np.linalg.norm(self.proof.tracks.xyz_m - self.flight.people_m[0], axis=-1)[there]
+        return off, int((self.proof.tracks.status[there] == Status.REJECTED).sum())
 
 
 Way = Callable[[Sitting], Array]
@@ -120,7 +138,9 @@ def sit(flights: list[Flight], tracked: list[Tracked], way: Way, most: int) -> d
                 done += 1
             told[f"mm_90_after_{done}"] = 1e3 * error_m(sittings)
             reached = error_m(sittings) < ENOUGH_M
-    return {"reached": int(reached), "clicks": clicks, "places": done, **told}
+        off, rejected = zip(*(one.answered() for one in sittings), strict=True)
+    own = {"mm_from_clicks": 1e3 * float(np.nanmedian(np.concatenate(off))), "rejected": sum(rejected)}
+    return {"reached": int(reached), "clicks": clicks, "places": done, **own, **told}
 
 
 def error_m(sittings: list[Sitting]) -> float:
@@ -137,7 +157,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--quick", action="store_true")
     given = parser.parse_args()
-    flights = read_flights(given.data, "augmented")
+    flights = read_flights(given.data, "augmented")[: 1 if given.quick else None]
     tracked = [mocap.track(flight.recording, validate=False) for flight in flights]
     ways: list[tuple[str, int, Way]] = [("desk", 0, as_the_desk), ("reprojection", 0, by_residual)]
     ways += [("random", seed, at_random(seed)) for seed in range(1 if given.quick else 3)]

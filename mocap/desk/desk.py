@@ -285,15 +285,27 @@ class Desk:
             raise MocapError("open the skeleton of a trial first")
         return self.draft
 
-    def keep_skeleton(self, *drawn: Any) -> str:
-        """Write what was drawn, and state it of all trials that had the skeleton of this one, or none as it."""
+    def keep_skeleton(self, **drawn: Any) -> str:
+        """Write what was drawn, and state it of all trials that had the skeleton of this one, or none as it.
+
+        Raises:
+            MocapError: it is no skeleton, or corrections of one of the trials name markers that are called otherwise.
+        """
         draft = self.drawing()
-        draft.save(*drawn)
-        before = self.trial(draft.trial).stated.get("skeleton")
+        found, before = draft.changed(**drawn), self.trial(draft.trial).stated.get("skeleton")
         same = [name for name, trial in self.trials.items() if trial.stated.get("skeleton") == before]
+        there = {None, *found.renamed(draft.recording.names)}
+        for log in (log for name in same if (log := self.log(name)).is_file()):
+            if lost := {marker for edit in standing(read_edits(log)) for marker in (edit.marker, edit.other)} - there:
+                raise MocapError(
+                    f"{log} has corrections of {', '.join(map(str, lost))}: keep these names, or undo the corrections"
+                )
+        draft.save(found)
         for name in same:
             self.trials[name] = replace(self.trials[name], stated={**self.trials[name].stated, "skeleton": draft.path})
         self.save()
+        if self.proof is not None and self.proof.name in same:
+            self.proof = None  # it has the names of before
         return f"wrote {draft.path} for {number_of(len(same), 'trial')}"
 
     def pass_on(self, name: str, kind: str) -> str:

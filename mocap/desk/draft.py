@@ -16,6 +16,7 @@ from mocap.digitising.overlays import listed
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file
+from mocap.pipeline.one_camera import of_one_camera
 from mocap.pipeline.propose_skeleton import propose_skeleton
 from mocap.pipeline.recording import Recording, with_ideal_pixels
 from mocap.skeleton import Bone, Joint, Skeleton, mirrored, read_skeleton, skeleton_text, write_skeleton
@@ -49,11 +50,11 @@ class Draft:
 
     @cached_property
     def xyz(self) -> Array:
-        """(T, M, 3) where they are: metres, or the pixels of a camera where nothing is known of the others."""
+        """(T, M, 3) where they are: in metres, or in pixels of the first camera where no two see them."""
         recording = self.recording
         if recording.pixels is None:
             return recording.xyz_m
-        if len(recording.cameras) > 1:
+        if recording.cameras and not of_one_camera(recording):
             return linear(stacked(recording.cameras), with_ideal_pixels(recording).ideal_px)
         u, v = np.moveaxis(recording.pixels.uv_px[0], -1, 0)
         return np.stack([u, np.zeros_like(u), -v], axis=-1)
@@ -88,28 +89,27 @@ class Draft:
         size = np.nanmax(np.abs(now - middle), initial=1e-12)
         return [listed((at - middle) / size) for at in now]
 
-    def propose(self, *drawn: Any) -> str:
+    def propose(self, **drawn: Any) -> str:
         """Propose bones, trunk and joints in place of those that were drawn; names stay."""
-        known = self.changed(*drawn).renamed(self.recording.names)
+        known = self.changed(**drawn).renamed(self.recording.names)
         self.skeleton = propose_skeleton(self.recording, names=known).skeleton
         return f"proposed: {self._counts}: check and correct them"
 
-    def mirror(self, *drawn: Any) -> str:
+    def mirror(self, **drawn: Any) -> str:
         """Give both sides what one of them has."""
-        self.skeleton = mirrored(self.changed(*drawn))
+        self.skeleton = mirrored(self.changed(**drawn))
         return f"on both sides: {self._counts}"
 
     @property
     def _counts(self) -> str:
         return ", ".join(number_of(len(getattr(self.skeleton, f"{part}s")), part) for part in ("bone", "joint"))
 
-    def save(self, *drawn: Any) -> Skeleton:
-        """Write what was drawn."""
-        self.skeleton = self.changed(*drawn)
+    def save(self, skeleton: Skeleton) -> None:
+        """Write what was drawn, as ``changed`` makes it."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with result_file(self.path, replace=True) as file:
-            write_skeleton(file, self.skeleton)
-        return self.skeleton
+            write_skeleton(file, skeleton)
+        self.skeleton = skeleton
 
     def changed(
         self,

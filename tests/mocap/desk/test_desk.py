@@ -1,6 +1,7 @@
 """The desk as a person uses it: a folder is opened, tracked, corrected and passed on, in a real browser."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -231,6 +232,20 @@ def test_what_the_page_does_not_offer_is_refused(worked, path, wrong):
     assert before == (desk.log("flight").read_bytes() if desk.log("flight").is_file() else b"")
 
 
+def test_names_that_corrections_have_are_kept(worked):
+    """A log names markers: a skeleton in which one is called otherwise is refused until the correction is undone."""
+    desk, browser = worked
+    browser.get("open?trial=flight")
+    browser.post("delete", json={"marker": HAND, "first": 3, "last": 5})
+    browser.get("draft?trial=flight")
+    before = desk.trials["flight"].stated["skeleton"]
+    answer = browser.post("skeleton", json=DRAWN | {"names": [*NAMES[:HAND], "wrist", *NAMES[HAND + 1 :]]})
+    assert "corrections of hand" in answer.json()["said"]
+    assert desk.trials["flight"].stated["skeleton"] == before
+    assert not (desk.out / "skeletons" / "flight.toml").exists()
+    browser.post("undo", json={})
+
+
 def test_the_guard_stands_before_the_desk(worked):
     """Without the token, of another origin, or another trial: refused; a second desk on the same results, too."""
     desk, browser = worked
@@ -390,8 +405,6 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
                 print(site.address, flush=True)
                 site.wait()
     """
-    import shutil
-
     shutil.copytree(desk.out / "flight", tmp_path / "out" / "flight")
     with subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None

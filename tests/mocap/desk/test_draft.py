@@ -35,13 +35,13 @@ def draft(tmp_path):
 
 def drawn(draft, **more):
     info = draft.info() | more
-    return [info[key] for key in ("names", "bones", "trunk", "joints")]
+    return {key: info[key] for key in ("names", "bones", "trunk", "joints")}
 
 
 def test_what_is_opened_and_saved_unchanged_is_the_same(draft):
     """Points by number and back: the same skeleton in the file; the point that it has not stays out."""
     assert draft.info()["names"] == ["a", "b", "c", "d", "x", ""]
-    draft.save(*drawn(draft))
+    draft.save(draft.changed(**drawn(draft)))
     found = read_skeleton(draft.path)
     for part in ("markers", "bones", "trunk", "joints", "bodies", "aliases", "measures", "max_speed_m_s"):
         assert getattr(found, part) == getattr(KNOWN, part), part
@@ -49,7 +49,7 @@ def test_what_is_opened_and_saved_unchanged_is_the_same(draft):
 
 def test_names_are_followed_by_all_that_uses_them(draft):
     """Bodies, strokes and axes have the new name; the direction of the world that is called as a marker stays."""
-    draft.save(*drawn(draft, names=["snout", "b", "c", "d", "y", "tail"]))
+    draft.save(draft.changed(**drawn(draft, names=["snout", "b", "c", "d", "y", "tail"])))
     found = read_skeleton(draft.path)
     assert found.markers == ("snout", "b", "c", "d", "y", "tail")
     assert found.aliases["p1"] == "snout"
@@ -62,7 +62,7 @@ def test_names_are_followed_by_all_that_uses_them(draft):
 
 def test_axes_go_with_their_joint(draft):
     """A joint that is no longer ticked: its axes would be of nothing, and the file of nobody."""
-    draft.save(*drawn(draft, joints={"d": (1, 2, 3)}))
+    draft.save(draft.changed(**drawn(draft, joints={"d": (1, 2, 3)})))
     found = read_skeleton(draft.path)
     assert [joint.name for joint in found.joints] == ["d"]
     assert not found.measures.axes
@@ -81,7 +81,7 @@ def test_axes_go_with_their_joint(draft):
 def test_what_is_no_skeleton_is_refused(draft, more, said):
     """The skeleton's own error; what was there stays, and nothing is written."""
     with pytest.raises(MocapError, match=said):
-        draft.save(*drawn(draft, **more))
+        draft.save(draft.changed(**drawn(draft, **more)))
     assert draft.skeleton is KNOWN
     assert not draft.path.exists()
 
@@ -96,7 +96,7 @@ def test_a_proposal_keeps_names(draft):
     xyz = xyz + 1e-4 * rng.normal(size=xyz.shape)
     recording = mocap.from_arrays(xyz, names=["p1", "p2", "p3"], fps=100)
     made = Draft(trial="t", recording=recording, skeleton=recording.skeleton, path=draft.path)
-    made.propose(*drawn(made, names=["left", "right", "p3"]))
+    made.propose(**drawn(made, names=["left", "right", "p3"]))
     assert [{bone.a, bone.b} for bone in made.skeleton.bones] == [{"left", "right"}]
     assert made.info()["names"] == ["left", "right", "p3"]
 

@@ -280,7 +280,7 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
             text=f"the pixels look distorted{' (or focal lengths are wrong)' if best.x > 0 else ''}, and no lens is "
             f"given: with k1 = {best.x:.2f} in all cameras the "
             f"median triangulation residual falls from {plain:.2f} px to {best.fun:.2f} px: give the camera "
-            "profile",
+            "profile (`profile`), or have it estimated with `fit_lens`",
             numbers={"k1": float(best.x), "plain_px": plain, "with_k1_px": float(best.fun)},
         )
     ]

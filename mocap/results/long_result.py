@@ -23,6 +23,7 @@ from mocap.pipeline.blocks import BLOCK, Known, Model, learn_once, tracked_block
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
+from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.track_variables import with_joints, with_motion
 from mocap.pipeline.tracking import tracks_alone
@@ -102,7 +103,7 @@ def write_in_blocks(
             report["wrong"] = [one.text for one in told if one.alarm]
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
-            text = _readable(report) + footer
+            text = in_options(_readable(report)) + footer
             overview = replace(overview, report=report, report_text=text)
             write_arrays(overview, folder)
             (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")

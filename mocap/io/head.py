@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -48,8 +49,10 @@ class Head:
         return self.lines[0] if self.lines else ""
 
     def cells(self, line: int = 0) -> tuple[str, ...]:
-        """The cells of a line of a CSV file; none where tabs separate them."""
+        """The cells of a line of a CSV file; none where tabs, blanks or bars separate them."""
         if line >= len(self.lines):
+            return ()
+        if "," not in self.lines[line] and any(len(re.split(r"[\s|]+", row.strip())) > 1 for row in self.lines[1:2]):
             return ()
         try:
             row = next(csv.reader([self.lines[line]], skipinitialspace=True), [])

@@ -128,9 +128,11 @@ def _titles(above: Mapping[int, Cells], width: int) -> tuple[Cells, set[int]]:
         used, units = {lines[-1][0]}, lines.pop()[1]
     used.add(titles[0])
     found = titles[1]
-    if lines and (named := _named(lines[-1][1], found)):
-        used.add(lines[-1][0])
-        found = named
+    for i, row in reversed(lines):  # Visual3D writes what its columns are between names and axes
+        if named := _named(row, found):
+            used.add(i)
+            found = named
+            break
     if sum(map(bool, found)) < 2:
         return [], set()
     bare = [unit.strip("[]() ") for unit in units]

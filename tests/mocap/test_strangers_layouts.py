@@ -137,6 +137,14 @@ def test_names_over_axes(tmp_path, separator, over, axes):
         is_right(table(tmp_path, lines(f"Frame,Time,{over}", f",,{axes}", units, lead=both)), unit="mm", fps=100)
 
 
+def test_what_stands_between_names_and_axes(tmp_path):
+    """Visual3D writes five rows of titles: files, names, kinds, folders, axes."""
+    titles = ["\t".join(["", *row]) for row in (["a.c3d"] * 6, np.repeat(NAMES, 3), ["TARGET"] * 6, ["ORIGINAL"] * 6)]
+    lines = [*titles, "\t".join(["ITEM", *"XYZXYZ"]), *rows("\t", lead=lambda t: [str(t + 1)])]
+    got = is_right(table(tmp_path, lines, name="a.txt"))
+    np.testing.assert_array_equal(got.frames, 1 + np.arange(T))
+
+
 def test_names_that_leave_open_whose_axes_are_meant(tmp_path):
     """Two names over one x, y, z, one name twice, or none: refused."""
     for over in ("nose,tail,,,,", "nose,,,nose,,", "nose,,,,,"):

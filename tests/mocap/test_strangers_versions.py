@@ -214,7 +214,7 @@ def test_rows_from_an_unknown_corner_are_told(tmp_path):
 @pytest.mark.parametrize("key", ["df_with_missing", "tracks", "keypoints", "anything"])
 @pytest.mark.parametrize("layout", ["fixed", "table"])
 def test_tables_of_several_kinds_of_numbers(tmp_path, key, layout):
-    """Single precision, whole numbers and doubles in one table of pandas, under whatever key; two tables are asked of."""
+    """Single and double precision and whole numbers in one table of pandas, under whatever key."""
     pytest.importorskip("tables")
     levels = {"scorer": ["me"], "bodyparts": ["b", "a"], "coords": ["x", "y", "likelihood"]}
     columns = pd.MultiIndex.from_product(levels.values(), names=list(levels))

@@ -127,11 +127,11 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     try:
         with h5py.File(path, "r") as file:
             tables = [key for key in file if "pandas_type" in file[key].attrs]
-            if _KEY not in tables and len(tables) != 1:
+            if _KEY not in file and len(tables) != 1:
                 raise FormatError(
                     f"{path.name}: has the tables {', '.join(tables)}; expected one, or {_KEY}: save one alone"
                 )
-            group: Any = file[_KEY if _KEY in tables else tables[0]]
+            group: Any = file[_KEY if _KEY in file else tables[0]]
             columns, stored, values, index = (_table_layout if "table" in group else _fixed_layout)(path, group)
             at = {key: i for i, key in enumerate(stored)}
             return _levels(path, columns), values[:, [at[key] for key in columns]], index
@@ -146,18 +146,17 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
 
 def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], Array, Index]:
     """Columns in their order, columns as they are stored, a block for each kind of number, their values, the index."""
-    columns = _multi(group, "axis0")
-    blocks = range(int(group.attrs["nblocks"]))
-    stored = [key for i in blocks for key in _multi(group, f"block{i}_items")]
+    depth, blocks = int(group.attrs["axis0_nlevels"]), range(int(group.attrs["nblocks"]))
+    columns = _multi(group, "axis0", depth)
+    stored = [key for i in blocks for key in _multi(group, f"block{i}_items", depth)]
     values = _side_by_side(path, [group[f"block{i}_values"][()] for i in blocks])
     if "axis1" in group:
         return columns, stored, values, _index(path, group["axis1"][()])
-    return columns, stored, values, ["/".join(row) for row in _multi(group, "axis1")]
+    return columns, stored, values, ["/".join(row) for row in _multi(group, "axis1", int(group.attrs["axis1_nlevels"]))]
 
 
-def _multi(group: Any, name: str) -> list[tuple[str, ...]]:
-    """The words of an index of several levels, which stores each of them once."""
-    depth = int(group.attrs[f"{name}_nlevels"])
+def _multi(group: Any, name: str, depth: int) -> list[tuple[str, ...]]:
+    """The words of an index of so many levels, which stores each of them once."""
     words = [[_word(w) for w in group[f"{name}_level{i}"][()]] for i in range(depth)]
     parts = [[words[i][int(j)] for j in group[f"{name}_label{i}"][()]] for i in range(depth)]
     return list(zip(*parts, strict=True))

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 from mocap.documents import check_regular, open_regular
-from mocap.errors import FormatError, shown_elsewhere
+from mocap.errors import FormatError, beside, shown_elsewhere
 from mocap.io.apart import read_apart
 from mocap.io.lines import one_kind
 from mocap.io.matlab import SECONDS, variables
@@ -104,6 +104,7 @@ def head(path: Path) -> Head:
             start = stream.read(LENGTH)
     except OSError as error:
         told = f": {shown_elsewhere(error)}check that you may read it" if isinstance(error, PermissionError) else ""
+        told = beside(path) if isinstance(error, FileNotFoundError) else told
         raise FormatError(f"{path}: cannot be read: {error.strerror}{told}") from None
     if not start.strip():
         raise FormatError(f"{path.name}: the file is empty: export it again")

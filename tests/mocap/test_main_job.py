@@ -1,4 +1,4 @@
-"""The main job on recordings of other people, and on the built-in ones against their truth."""
+"""The main job on recordings of other people, and on one without noise; ``tests/test_installed.py`` has the demo."""
 
 import json
 import sys
@@ -10,16 +10,11 @@ import pytest
 from mocap.datasets import PERFECT, make_bat
 from rerun.chunk import RrdReader
 
-from docs.tools import columns
-from mocap import Tracked
 from mocap.cli.main import main
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.demo import run_demo
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import of_pixels
 from mocap.skeleton import Skeleton
-from mocap.stages import Stages
-from tests.mocap.test_library import documented_names
 from tests.real_data import real
 
 BAT = "bat_windtunnel_dltdv8/derived_csv"
@@ -76,72 +71,10 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
     assert [r.application_id for r in RrdReader(str(out / "recording.rrd")).recordings()] == ["mocap"]
 
 
-@pytest.fixture(scope="module")
-def demo():
-    """A part of a flight. The lizard's is run by ``tests/test_installed.py``, which asks the same of its report."""
-    return run_demo("bat", stages=Stages(), n_frames=150)
-
-
-def test_demo_beats_what_people_use(demo):
-    """Inside the recording's own gaps the EAL tracker is nearer to the truth than all of them."""
-    gaps = demo.report["gaps"]
-    assert_beats_others(gaps)
-    honest = ("conditional_gaussian", "principal_components")
-    assert max(gaps[name]["rmse_mm"] for name in honest) < gaps["linear"]["rmse_mm"]
-
-
-def assert_beats_others(gaps):
-    """Of a demo's report."""
-    rivals = {"conditional_gaussian", "principal_components", "chains"}
-    assert set(gaps) == {"mixture", "constant_velocity", "cubic", "linear"} | rivals
-    assert gaps["cubic"]["coverage95"] is None
-    others = [gaps[name]["rmse_mm"] for name in ("constant_velocity", "cubic", "linear", *rivals)]
-    assert gaps["mixture"]["rmse_mm"] < min(others)
-
-
-def test_demo_knows_how_well_it_knows(demo):
-    """95 % intervals hold 90 % of the truth or more, where markers are seen at most 99.5 %; a track beats its points.
-
-    In gaps they may hold all: those of this recording are easier than those that it hides from itself.
-    """
-    assert_intervals_hold(demo.report)
-
-
-def assert_intervals_hold(report):
-    """Of a demo."""
-    measured = report["measured"]
-    assert report["gaps"]["mixture"]["coverage95"] >= 90
-    assert 90 <= measured["mixture"]["coverage95"] <= 99.5
-    assert measured["mixture"]["rmse_mm"] < measured["triangulation"]["rmse_mm"]
-
-
-def test_every_quantity_of_the_demo_is_documented(demo):
-    """Joints with stated axes, strokes, spans, areas and centres of mass among them."""
-    result = Tracked.of(demo)
-    assert not columns.undocumented(result.kinematics, "kinematics.csv", documented_names(result))
-    assert not columns.undocumented(result.cycles.columns, "cycles.csv", {})
-    assert not columns.undocumented(demo.report, "report.json", {})
-
-
-def test_demo_learns_a_potential_for_each_joint(demo):
-    """V_z is near 0 on the joint's samples and 1 at three times their extent; every joint of the skeleton has one."""
-    assert_each_joint_has_a_potential(demo)
-
-
-def assert_each_joint_has_a_potential(run):
-    """Of the skeleton."""
-    assert set(run.potentials) == {j.name for j in run.skeleton.joints}
-    for potential in run.potentials.values():
-        q = potential.samples_m / potential.scale_m
-        far = q.mean(axis=0) + 3 * np.ptp(q, axis=0)
-        assert np.median(potential.potential.value(q)) < 0.05
-        assert potential.potential.value(far) > 0.99
-
-
 def test_pixels_without_any_noise_are_tracked():
-    """Simulated cameras: a wrist that no camera shows for 20 frames is found to 3 mm, and is nowhere known exactly."""
-    bat = make_bat(seed=4, n_frames=100, n_cameras=4, digitiser=PERFECT)
-    wrist, hidden = bat.truth.names.index("wrist_l"), slice(40, 60)
+    """Simulated cameras: a wrist that no camera shows for 16 frames is found to 3 mm, and is nowhere known exactly."""
+    bat = make_bat(seed=4, n_frames=60, n_cameras=4, digitiser=PERFECT)
+    wrist, hidden = bat.truth.names.index("wrist_l"), slice(22, 38)
     uv = np.array(bat.pixels.uv_px)
     uv[:, hidden, wrist] = np.nan
     pixels = replace(bat.pixels, uv_px=uv)

@@ -59,9 +59,10 @@ def beside(path: Path) -> str:
     if not path.parent.is_dir():
         return f" (there is no folder {path.parent})"
     try:
-        like = get_close_matches(path.name, os.listdir(path.parent))
+        stems = {entry.stem: entry.name for entry in path.parent.iterdir()}
     except OSError:
-        like = []
+        return ""
+    like = [stems[stem] for stem in get_close_matches(path.stem, stems)]
     return f" (its folder has {', '.join(like)})" if like else ""
 
 

@@ -126,7 +126,7 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
 
     try:
         with h5py.File(path, "r") as file:
-            tables = [key for key in file if "pandas_type" in file[key].attrs]
+            tables = [str(key) for key in file if "pandas_type" in file[key].attrs]
             if _KEY not in file and len(tables) != 1:
                 raise FormatError(
                     f"{path.name}: has the tables {', '.join(tables)}; expected one, or {_KEY}: save one alone"

@@ -13,7 +13,7 @@ from mocap.io.csv_table import has_titles, read_table
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import FRAMES, frame_numbers
-from mocap.io.optical import SLOW, rate_of_times, time_unit_s
+from mocap.io.optical import rate_of_times, time_unit_s
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
 _UNIT = re.compile(rf"(?P<title>.+?)\s*(?:[\[(]\s*(?P<a>{_UNITS})\s*[\])]|(?<=[xyzXYZ])[ _](?P<b>mm|cm|m))", re.DOTALL)
@@ -185,7 +185,6 @@ def _mapped(
             raise FormatError(f"{path.name}: a time is missing in the column {columns['time'][0]!r}")
         fps, told = rate_of_times(path, times)
         findings += told
-    assumed = (findings[0], *(finding for finding in findings if finding.startswith(SLOW)))
     first = 1 if frames is None else int(frames[0])
     if sizes == {2}:
         uv = np.where(np.isnan(table).any(axis=-1, keepdims=True), np.nan, table)[None]
@@ -195,11 +194,11 @@ def _mapped(
             score = np.stack([column(scores[n]) if n in scores else blank for n in markers], axis=1)[None]
         return pixel_recording(
             path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=fps,
-            findings=tuple(findings), assumed=assumed, score=score,
+            findings=tuple(findings), assumed=(findings[0],), score=score,
         )  # fmt: skip
     return point_recording(
         path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=fps, t_s=times,
-        findings=tuple(findings), assumed=assumed,
+        findings=tuple(findings), assumed=(findings[0],),
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import mocap
 from mocap.errors import FormatError
 from mocap.io.format import Hints
 from mocap.io.optical import SLOW
@@ -222,8 +223,11 @@ def test_the_unit_of_times_is_in_their_title(tmp_path, size, word, title):
 def test_times_that_can_hardly_be_seconds_are_questioned(tmp_path, step, said):
     """What is 0.2 frames a second as seconds is a finding with the rate that it would be; 2 frames a second is none."""
     got = table(tmp_path, [",".join(["time", *TITLES]), *rows(lead=lambda t: [f"{step * t:.6g}"])])
-    told = next(finding for finding in got.assumed if finding.startswith(SLOW))
+    told = next(finding for finding in got.findings if finding.startswith(SLOW))
     assert (said if step < 5000 else "microseconds, 200") in told
+    found = [finding for finding in mocap.read(tmp_path / "a.csv", unit="m").findings if str(finding) == told]
+    assert [finding.alarm for finding in found] == [True]  # and first among what is wrong in a report
+    assert not any(str(f).startswith(SLOW) for f in mocap.read(tmp_path / "a.csv", unit="m", fps=200).findings)
     got = table(tmp_path, [",".join(["time", *TITLES]), *rows(lead=lambda t: [f"{0.5 * t}"])])
     assert not any(finding.startswith(SLOW) for finding in got.findings)
 

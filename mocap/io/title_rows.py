@@ -105,7 +105,7 @@ def _is_row(cells: Cells) -> bool:
 
 def _all_values(cells: Cells) -> bool:
     """Whether a line above the titles is one of numbers, so that the titles are none."""
-    return all(map(_is_value, cells)) and 2 * sum(map(bool, cells)) > len(cells) > 2
+    return all(map(_is_value, cells)) and any(cells) and len(cells) > 1
 
 
 def _separator(rows: Sequence[str]) -> str | None:

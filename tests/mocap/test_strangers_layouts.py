@@ -265,6 +265,14 @@ def test_columns_of_words(tmp_path):
         table(tmp_path, [*lines[:3], lines[3].replace(",ok", ",1"), *lines[4:]], columns=columns)
 
 
+def test_titles_below_a_row_are_none(tmp_path):
+    """Lines that were exchanged: the numbers above the titles are a frame, also where hardly a marker was seen."""
+    for row in (PLAIN[1], "9,,,,,,", ",,,,1.5,2.5,3.5"):
+        for at in (1, 3):
+            with pytest.raises(FormatError):
+                table(tmp_path, [row, *PLAIN[1:at], PLAIN[0], *PLAIN[at:]])
+
+
 def test_a_table_in_a_workbook(tmp_path):
     """Notes, names over axes, units and clock times in Excel."""
     openpyxl = pytest.importorskip("openpyxl")

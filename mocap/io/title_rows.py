@@ -67,6 +67,9 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
     notes = [i for i in sorted((*above, *comments)) if i not in used]
     unit = next((found[1] for i in notes if (found := _UNIT_NOTE.match(comments.get(i, lines[i])))), "")
     told = _left_out(lines, notes)
+    blank = kept[-1] - kept[start] + 1 - len(rows) - sum(kept[start] < i < kept[-1] for i in comments)
+    if blank:
+        told.append(f"{number_of(blank, 'blank line')} among the rows left out, though it may have been a frame")
     table = []
     for title, column in zip(titles or [""] * width, zip(*rows, strict=True), strict=True):
         if titles and not title and not any(column):

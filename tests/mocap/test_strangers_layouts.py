@@ -61,7 +61,13 @@ def test_marks_and_line_ends(tmp_path, encoding, end, over):
 def test_what_follows_the_last_row(tmp_path):
     """The ends of files of DOS and of printers, blank lines and comments are no rows."""
     for last in (["", ""], ["\x1a"], ["\f"], ["# end"]):
-        is_right(table(tmp_path, [*PLAIN, *last]))
+        assert "blank" not in " ".join(is_right(table(tmp_path, [*PLAIN, *last])).findings)
+
+
+def test_blank_lines_among_rows_are_told(tmp_path):
+    """They are no frames, but may have been some."""
+    got = is_right(table(tmp_path, [*PLAIN[:4], "", *PLAIN[4:6], "# note", "", *PLAIN[6:]]))
+    assert any(finding.startswith("2 blank lines among the rows left out") for finding in got.findings)
 
 
 @pytest.mark.parametrize("mark", ["#", "%", "//", "!"])

@@ -23,6 +23,8 @@ from eal.threads import one_blas_thread
 
 USUAL_WIDTH = 4.0
 """Beta times the median squared distance, where nothing is known of a potential's use; ``eal.choose`` looks for it."""
+USUAL_LAMBDA = 1e-3
+"""Spectral filtering parameter there."""
 SMALL = 2000
 """Samples up to which a fit stays on one BLAS thread."""
 
@@ -209,7 +211,7 @@ def fit_potential(
     samples: ArrayLike,
     *,
     kernel: Kernel | None = None,
-    lam: float = 1e-3,
+    lam: float = USUAL_LAMBDA,
     spectral_filter: SpectralFilter | None = None,
     scaling: Scaling = "mean",
     weights: ArrayLike | None = None,

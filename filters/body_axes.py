@@ -35,7 +35,7 @@ class BodyFrames:
         return (xyz_m - self.position_m[:, None]) @ self.rotation
 
 
-def trunk_shape(xyz_m: Array, *, iterations: int = 10) -> Array:
+def trunk_shape(xyz_m: Array) -> Array:
     """(K, 3) mean shape of trunk markers by generalised Procrustes analysis with gaps (Gower 1975), about its centre.
 
     In each frame the rotation is the one that brings the mean shape nearest to the markers that are seen (Kabsch 1976);
@@ -44,7 +44,6 @@ def trunk_shape(xyz_m: Array, *, iterations: int = 10) -> Array:
 
     Args:
         xyz_m: (T, K, 3) trunk markers in the world, of one recording or of several on end; NaN where not seen.
-        iterations: Rounds of alignment.
 
     Raises:
         ValueError: no marker is ever seen.
@@ -55,7 +54,7 @@ def trunk_shape(xyz_m: Array, *, iterations: int = 10) -> Array:
     points = np.where(seen[..., None], xyz_m, 0.0)
     ever = np.asarray(seen.any(axis=0))
     shape = _first_shape(points, seen, int(np.argmax(seen.sum(axis=1))))
-    for _ in range(iterations):
+    for _ in range(10):  # rounds of alignment
         rotation, position, oriented = aligned(points, seen, shape)
         turned = np.einsum("tji,tkj->tki", rotation, points - position[:, None])
         use = (seen & oriented[:, None]) if oriented.any() else seen

@@ -69,18 +69,14 @@ def _distances(trial: MarkerTrial, ends: NDArray[np.int64]) -> tuple[Array, Arra
     return out[0], out[1], out[2], out[3]
 
 
-def rigid_bones(
-    trials: Sequence[MarkerTrial], named: Sequence[tuple[int, int]] = (), *, tolerance: float = 0.05, most: int = 2
-) -> Bones:
+def rigid_bones(trials: Sequence[MarkerTrial], named: Sequence[tuple[int, int]] = ()) -> Bones:
     """The bones of the last of some trials: those that are named, and pairs that keep their distance as if they were.
 
-    Pairs are taken in the order of how well they keep it, s / L, until each marker has ``most`` bones.
+    Pairs are taken in the order of how well they keep it, s / L, of 5 % at most, until each marker has two bones.
 
     Args:
         trials: Trials of the same markers.
         named: Ends of the skeleton's rigid bones.
-        tolerance: The largest s / L of a pair that is not named.
-        most: Bones of a marker, if they are not named.
     """
     pairs = learn_bones(trials, np.array(np.triu_indices(trials[0].xyz_m.shape[1], 1)).T)
     share = pairs.sd_m / pairs.length_m
@@ -88,7 +84,7 @@ def rigid_bones(
     chosen = [i for i, ends in enumerate(pairs.ends.tolist()) if tuple(ends) in wanted]
     held = np.bincount(pairs.ends[chosen].ravel(), minlength=trials[0].xyz_m.shape[1])
     for i in np.argsort(share, kind="stable"):
-        if share[i] <= tolerance and i not in chosen and held[pairs.ends[i]].min() < most:
+        if share[i] <= 0.05 and i not in chosen and held[pairs.ends[i]].min() < 2:
             chosen.append(int(i))
             held[pairs.ends[i]] += 1
     return Bones(ends=pairs.ends[chosen], length_m=pairs.length_m[chosen], sd_m=pairs.sd_m[chosen])

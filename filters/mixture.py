@@ -11,6 +11,9 @@ from scipy.optimize import minimize, minimize_scalar, root_scalar
 
 from eal.arrays import Z95, Array, frozen
 
+PRIOR = 12.0
+"""What gaps of one length show of widths and scales is drawn to that of all lengths as if so many gaps more had."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mixture:
@@ -83,89 +86,72 @@ class Mixture:
         cov += np.einsum("ktm,ktmi,ktmj->tmij", weight, means - mean, means - mean)
         return mean, cov * (self.widening(length) ** 2)[..., None, None]
 
-    def calibrated(self, residuals: Sequence[Residuals], *, own: float = 2.0, prior: float = 3.0) -> "Mixture":
+    def calibrated(self, residuals: Sequence[Residuals]) -> "Mixture":
         """The mixture with scales and intervals that hold in gaps hidden in a recording itself.
 
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
         each is multiplied by what makes its root mean square error in stated deviations 1 in the geometric mean over
-        gaps, as if ``own`` gaps more had shown that nothing is to be changed; that is for the weights. All widths are
-        multiplied by the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with ``prior`` such
+        gaps, as if two gaps more had shown that nothing is to be changed; that is for the weights. All widths are
+        multiplied by the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with three such
         gaps, whatever the scales have become; by 1 where it is less, for a few gaps that were filled well do not tell
         how other ones will be (docs/experiments/interval_widths.md).
 
         Args:
             residuals: What each of the K models missed the hidden samples by.
-            own: See above.
-            prior: See above.
         """
         gap, found = residuals[0].gap, []
         for part, scaling in zip(residuals, self.scaling(residuals[0].length), strict=True):
             scaled = replace(part, variance=part.variance * scaling[:, None] ** 2)
             found.append(_log_scale(scaled, [gap == one for one in np.unique(gap)]))
-        scaled = replace(self, scale=self.scale * np.exp(_share(gap, own) * np.array(found)))
+        scaled = replace(self, scale=self.scale * np.exp(_share(gap, 2.0) * np.array(found)))
         before, after = (_conformal(_widths(mixture, residuals), gap) for mixture in (self, scaled))
-        factor = after / before * max(1.0, before) ** _share(gap, prior)
+        factor = after / before * max(1.0, before) ** _share(gap, 3.0)
         return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
 
 
-def with_own_widths(mixture: Mixture, residuals: Sequence[Residuals], *, prior: float = 12.0) -> Mixture:
+def with_own_widths(mixture: Mixture, residuals: Sequence[Residuals]) -> Mixture:
     """The mixture with widths under which root mean square errors are what is stated, for the recording of the gaps.
 
     What is learned for other recordings is wider (``learn_mixture``): their movement differs by more than gaps of one
-    do. The widths of a length are drawn to that of all as if ``prior`` gaps more had shown it.
+    do. The widths of a length are drawn to that of all as if ``PRIOR`` gaps more had shown it.
 
     Args:
         mixture: The mixture.
         residuals: What each model missed hidden samples of the recording by.
-        prior: See above.
     """
     found = mixed_residuals(replace(mixture, widen=np.ones(len(mixture.length))), residuals)
     overall = _width(found)
     scaled = replace(found, variance=found.variance * overall**2)
-    widen = [overall * _width(scaled.some(found.length == n), prior=prior) for n in mixture.length]
+    widen = [overall * _width(scaled.some(found.length == n), prior=PRIOR) for n in mixture.length]
     return replace(mixture, widen=np.clip(widen, 0.3, 5.0))
 
 
-def learn_mixture(
-    residuals: Sequence[Residuals],
-    *,
-    power: float = 1.0,
-    strength: float = 0.1,
-    prior: float = 12.0,
-    folds: int = 5,
-) -> Mixture:
+def learn_mixture(residuals: Sequence[Residuals]) -> Mixture:
     """The mixture of K models that fills hidden gaps with the least error: the mean over lengths of log rmse.
 
     A generalisation of stacking (Wolpert 1992). Each model's scale is the root mean square of its errors in units of
     what it states in gaps of a length. The widening is a quantile of the mixture's errors in units of 1.96 deviations,
-    in gaps that it was not learned from (each of ``folds`` parts of them by the mixture of the others); its level is
+    in gaps that it was not learned from (each fifth of them by the mixture of the others); its level is
     that of conformal prediction, 95 % (1 + 1 / n) for n errors (Lei et al. 2018), of which a gap is taken to show ten
     that are independent. Both are drawn to those of all lengths
-    as if ``prior`` gaps more had shown them.
+    as if ``PRIOR`` gaps more had shown them.
 
     Args:
         residuals: What each model missed the same hidden samples by.
-        power: Power of the stated variances; 1: weights of precision. docs/experiments/mixture.md.
-        strength: Penalty on squared offsets and slopes.
-        prior: See above.
-        folds: See above.
     """
-    options = {"power": power, "strength": strength, "prior": prior}
-    chosen = _mixture(residuals, **options)
+    chosen = _mixture(residuals)
     gap, length = residuals[0].gap, residuals[0].length
-    fold = np.unique(gap, return_inverse=True)[1] % folds
+    fold = np.unique(gap, return_inverse=True)[1] % 5
     ratio = np.empty(residuals[0].error_m.shape)
-    for k in range(folds):
+    for k in range(5):
         here = fold == k
-        known = (
-            chosen if here.all() or not here.any() else _mixture([part.some(~here) for part in residuals], **options)
-        )
+        known = chosen if here.all() or not here.any() else _mixture([part.some(~here) for part in residuals])
         ratio[here] = _widths(known, [part.some(here) for part in residuals])
     overall = _conformal(ratio, gap)
     widen = []
     for n in chosen.length:
         here = length == n
-        share = _share(gap[here], prior)
+        share = _share(gap[here], PRIOR)
         widen.append(_conformal(ratio[here], gap[here]) ** share * overall ** (1 - share))
     return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
 
@@ -207,23 +193,23 @@ def _width(found: Residuals, *, prior: float = 0.0) -> float:
     return float(np.exp(best.x * shown / (shown + prior)))
 
 
-def _log_scale(part: Residuals, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:
+def _log_scale(part: Residuals, groups: Sequence[NDArray[np.bool_]]) -> float:
     """Logarithm of the factor on a model's deviation by which its errors are as large as stated.
 
     That is: by which root mean squares, in deviations from measurements, are 1 in the geometric mean over groups of
-    samples. It stays within ``most`` of 0: where measurements err by more than the model, there is nothing to see.
+    samples. It stays within 2 of 0: where measurements err by more than the model, there is nothing to see.
     """
 
     def excess(log_scale: float) -> float:
         squared = part.error_m**2 / (np.exp(2 * log_scale) * part.variance + part.noise[:, None])
         return float(np.mean([np.log(squared[group].mean()) for group in groups]))
 
-    if excess(most) >= 0:
-        return most
-    return -most if excess(-most) <= 0 else float(root_scalar(excess, bracket=(-most, most), xtol=1e-6).root)
+    if excess(2.0) >= 0:
+        return 2.0
+    return -2.0 if excess(-2.0) <= 0 else float(root_scalar(excess, bracket=(-2.0, 2.0), xtol=1e-6).root)
 
 
-def _mixture(residuals: Sequence[Residuals], *, power: float, strength: float, prior: float) -> Mixture:
+def _mixture(residuals: Sequence[Residuals]) -> Mixture:
     """Scales and weights; see ``learn_mixture``."""
     k, length = len(residuals), residuals[0].length
     lengths = np.unique(length).astype(float)
@@ -231,13 +217,13 @@ def _mixture(residuals: Sequence[Residuals], *, power: float, strength: float, p
     for i, part in enumerate(residuals):
         overall = _log_scale(part, [np.ones(len(length), dtype=bool)])
         for j, n in enumerate(lengths):
-            share = _share(part.gap[length == n], prior)
+            share = _share(part.gap[length == n], PRIOR)
             scale[j, i] = np.exp(share * _log_scale(part, [length == n]) + (1 - share) * overall)
 
     def mixture(x: Array) -> Mixture:
         offset, slope = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
         ones = np.ones(len(lengths))
-        return Mixture(offset=offset, slope=slope, power=power, length=lengths, scale=scale, widen=ones)
+        return Mixture(offset=offset, slope=slope, power=1.0, length=lengths, scale=scale, widen=ones)
 
     start = mixture(np.zeros(2 * k - 2))
     error = np.stack([part.error_m for part in residuals])
@@ -247,7 +233,7 @@ def _mixture(residuals: Sequence[Residuals], *, power: float, strength: float, p
         weight = mixture(x).weights(stated, length)
         squared = np.sum(np.einsum("kn,kni->ni", weight, error) ** 2, axis=1)
         level = np.mean([0.5 * np.log(squared[length == n].mean()) for n in lengths])
-        return float(level + strength * np.sum(x**2))
+        return float(level + 0.1 * np.sum(x**2))  # offsets and slopes stay small that gain little
 
     return mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
 

@@ -97,12 +97,11 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
     return sorted(chosen)
 
 
-def residual_m(xyz: Array, *, most: int = 200) -> tuple[float, float]:
+def residual_m(xyz: Array) -> tuple[float, float]:
     """Root mean square of what rigid motions of the mean shape (Kabsch 1976) leave of a body, and its second extent.
 
     Args:
-        xyz: (T, n, 3) positions.
-        most: Frames that are looked at, at most.
+        xyz: (T, n, 3) positions, of which 200 frames to 399 are looked at.
 
     Returns:
         Both in metres; infinite and 0 where the markers are seen together in fewer than 20 frames.
@@ -110,7 +109,7 @@ def residual_m(xyz: Array, *, most: int = 200) -> tuple[float, float]:
     whole = xyz[np.isfinite(xyz).all(axis=(1, 2))]
     if len(whole) < 20:
         return np.inf, 0.0
-    whole = whole[:: max(1, len(whole) // most)]
+    whole = whole[:: max(1, len(whole) // 200)]
     whole = whole - whole.mean(axis=1, keepdims=True)
     shape = whole[0]
     for _ in range(2):

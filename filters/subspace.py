@@ -272,9 +272,9 @@ def _root(scores: Array) -> Array:
     return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
 
 
-def _marker_sd(error: Array, *, prior: float = 20.0) -> Array:
-    """(M,) deviation of a coordinate of each marker, from (T, M, 3) errors; drawn towards that of all."""
+def _marker_sd(error: Array) -> Array:
+    """(M,) deviation of a coordinate of each marker, from (T, M, 3) errors; drawn towards that of all as 20 of it."""
     squares = np.nansum(error**2, axis=(0, 2)) / 3
     count = np.isfinite(error[..., 0]).sum(axis=0)
     overall = squares.sum() / max(count.sum(), 1)
-    return np.sqrt(np.maximum((squares + prior * overall) / (count + prior), 1e-14))
+    return np.sqrt(np.maximum((squares + 20.0 * overall) / (count + 20.0), 1e-14))

@@ -51,13 +51,13 @@ def readings(texts: Iterable[str], *, where: str = "") -> tuple[Finding, ...]:
     return tuple(Finding(kind="reading", text=f"{where}: {text}" if where else text) for text in texts)
 
 
-def over_blocks(blocks: Iterable[Iterable[Finding]], most: int = 40) -> list[Finding]:
-    """The commonest findings of a recording's blocks; those of one kind, camera and markers are one."""
+def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:
+    """The 40 commonest findings of a recording's blocks; those of one kind, camera and markers are one."""
     found: defaultdict[tuple[object, ...], list[Finding]] = defaultdict(list)
     for block in blocks:
         for one in block:
             found[one.kind, one.cameras, one.markers].append(one)
-    commonest = sorted(found.values(), key=len, reverse=True)[:most]
+    commonest = sorted(found.values(), key=len, reverse=True)[:40]
     return [same[0] if len(same) == 1 else _of_several(same) for same in commonest]
 
 

@@ -27,6 +27,17 @@ def without_side(name: str) -> str:
     return "_".join(part for part in _PARTS.findall(name) if part.lower() not in _WORDS)
 
 
+def other_side(name: str) -> str:
+    """The name of the same on the other side: ``elbow_r`` of ``elbow_l``; one that says no side as it is."""
+
+    def across(part: re.Match[str]) -> str:
+        of = {"l": "r", "r": "l", "left": "right", "right": "left"}.get(part[0].lower(), part[0])
+        like = str.upper if part[0].isupper() else str.title if part[0][0].isupper() else str
+        return part[0] if of == part[0] else like(of)
+
+    return name if side_of(name) == TRUNK else _PARTS.sub(across, name)
+
+
 def words(name: str) -> str:
     """A name as people say it, its side first: ``elbow_l`` is ``left elbow``."""
     side, parts = side_of(name), name.split("_")

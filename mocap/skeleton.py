@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
 from mocap.schema import POSITIVE, Entry, Schema, checked, names
+from mocap.sides import other_side, side_of
 from mocap.text import visible
 
 
@@ -231,6 +232,35 @@ class Skeleton:
     def renamed(self, names: Sequence[str]) -> tuple[str, ...]:
         """File names to names of this skeleton, by its aliases."""
         return tuple(self.aliases.get(name, name) for name in names)
+
+
+def mirrored(skeleton: Skeleton) -> Skeleton:
+    """A skeleton with what one side has on the other, too: bones, joints and bodies whose markers have a twin there.
+
+    Sides are those that names say (``mocap.sides``); what is there already stays.
+    """
+
+    def across(names: Sequence[str]) -> tuple[str, ...] | None:
+        twins = tuple(map(other_side, names))
+        return None if twins == tuple(names) or not set(twins) <= set(skeleton.markers) else twins
+
+    bones = {frozenset((bone.a, bone.b)): bone for bone in skeleton.bones}
+    for bone in skeleton.bones:
+        if twins := across((bone.a, bone.b)):
+            bones.setdefault(frozenset(twins), Bone(a=twins[0], b=twins[1], rigid=bone.rigid))
+    joints = {joint.name: joint for joint in skeleton.joints}
+    ends = {(joint.parent, joint.centre, joint.child) for joint in skeleton.joints}
+    for joint in skeleton.joints:
+        twins = across((joint.parent, joint.centre, joint.child))
+        if twins and twins not in ends:
+            name = other_side(joint.name)
+            name = f"{name}_{side_of(twins[-1])}" if name == joint.name else name
+            joints.setdefault(name, Joint(name=name, parent=twins[0], centre=twins[1], child=twins[2]))
+    bodies, used = dict(skeleton.bodies), {marker for body in skeleton.bodies.values() for marker in body}
+    for name, members in skeleton.bodies.items():
+        if (twins := across(members)) and not used & set(twins):
+            bodies[other_side(name)] = twins
+    return replace(skeleton, bones=tuple(bones.values()), joints=tuple(joints.values()), bodies=bodies)
 
 
 _AGAIN = "correct it"

@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 _BYTES = re.compile("[\udc80-\udcff]+")
 _NO_FILE = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff<>:"/\\|?*]|^\.+|[. ]+$')
@@ -65,3 +65,8 @@ def number_of(count: int, thing: str, things: str | None = None) -> str:
 def _escape(found: re.Match[str]) -> str:
     code = ord(found[0])
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+
+
+def with_options(text: str, options: Mapping[str, str]) -> str:
+    """A message in which each argument between backquotes is the option that states it, by the argument's name."""
+    return re.sub(r"`(\w+)`", lambda found: options.get(found[1], found[0]), text)

@@ -21,9 +21,8 @@ from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, ra
 from mocap.filters.roughness import marker_rates, out_of_sample
 from mocap.filters.track import filter_forward
 from numpy.typing import NDArray
-from scipy.spatial.distance import pdist
 
-from eal import EmpiricalPotential, GaussianKernel, Kernel, fit_potential
+from eal import EmpiricalPotential, Kernel, fit_potential, usual_kernel
 from eal.arrays import Array
 
 Over = Callable[[Kernel], Kernel]
@@ -36,9 +35,8 @@ RIDGE = 1e-3
 """Penalty of the identification of linear mechanics from the trials (``linear_shape``)."""
 RESIDUAL_RATE = 0.5
 """Factor on the rate at which what the subspace leaves changes."""
-BETA, LAM, CENTRES = 1.0, 1e-4, 200
-"""Of V_z: kernel width, over the median squared distance of the samples; spectral filtering parameter lambda; most
-samples that it is learned from."""
+CENTRES = 200
+"""Most samples that V_z is learned from."""
 WEIGHT = 4.0
 """Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units of the log
 density (``with_potential``)."""
@@ -85,7 +83,7 @@ class PoseSettings(TrajectoryModel):
         """
         potential = learn_potential(samples, over=over)
         stiffness = rate / max(float(np.mean(unseen_potential(samples, over=over))), 1e-9)
-        return penalty(potential, np.ones(samples.shape[1]), stiffness)
+        return Pull(potential=potential, stiffness=stiffness)
 
     def tuned(self, trials: TrialSet) -> "PoseSettings":
         """With the covariance of its regression, and the likeliest process noise."""
@@ -338,12 +336,12 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
 
 
 def learn_potential(samples: Array, *, over: Over = lambda kernel: kernel) -> EmpiricalPotential:
-    """V_z of samples (N, k) in units of the first coordinate's deviation."""
+    """V_z of samples (N, k) of unit size, as ``eal`` has it by default; samples are thinned to ``CENTRES``.
+
+    The likeliest kernel and lambda, which a map of V_z gets, are worse in a filter (docs/experiments/one_potential.md).
+    """
     chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), CENTRES)).astype(int)]
-    apart = pdist(chosen, "sqeuclidean")
-    apart = apart[apart > 0]  # a recording may show one pose only
-    beta = BETA / (float(np.median(apart)) if len(apart) else 1.0)
-    return fit_potential(chosen, kernel=over(GaussianKernel(beta)), lam=LAM)
+    return fit_potential(chosen, kernel=over(usual_kernel(chosen)))
 
 
 def unseen_potential(samples: Array, *, over: Over = lambda kernel: kernel) -> Array:
@@ -351,11 +349,3 @@ def unseen_potential(samples: Array, *, over: Over = lambda kernel: kernel) -> A
     fold = np.arange(len(samples)) * 5 // len(samples)
     learned = [learn_potential(samples[fold != i], over=over) for i in range(5)]
     return np.concatenate([one.barrier_value(samples[fold == i]) for i, one in enumerate(learned)])
-
-
-def penalty(potential: EmpiricalPotential, scale: Array, stiffness: float) -> Pull:
-    """Gradient of -log(1 - V_z) / eps^2 in state coordinates: as V_z near the data, but it pulls at any distance.
-
-    ``stiffness`` is 1/eps^2 a second; ``scale`` (k,) brings the state to the units of the samples.
-    """
-    return Pull(potential=potential, scale=scale, stiffness=stiffness)

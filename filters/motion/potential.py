@@ -12,21 +12,19 @@ from eal.arrays import Array
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pull:
-    """Gradient of -log(1 - V_z) / eps^2 a second.
+    """Gradient of -log(1 - V_z) / eps^2 a second: as of V_z near the data, but it pulls at any distance.
 
     Attributes:
         potential: V_z.
-        scale: (k,) brings coordinates to the units of its samples.
         stiffness: 1/eps^2 a second.
     """
 
     potential: EmpiricalPotential
-    scale: Array
     stiffness: float
 
     def __call__(self, x: Array) -> Array:
         """(S, k) coordinates to (S, k)."""
-        return self.potential.barrier_gradient(x * self.scale) * (self.stiffness * self.scale)
+        return self.potential.barrier_gradient(x) * self.stiffness
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -201,18 +201,15 @@ def _flips(camera: Camera, uv: Array) -> list[tuple[str, Array]]:
     return [("with rows counted from below", down), ("mirrored", across), ("turned by 180 degrees", both)]
 
 
-def lens_findings(
-    cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin, *, most_points: int = 2000
-) -> list[Finding]:
+def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin) -> list[Finding]:
     """Whether the lens correction belongs applied once, not at all or twice; and distortion that no file states.
 
     Args:
         cameras: The C cameras.
         uv_px: (C, T, M, 2) pixels as in the file.
         decision: Where rows are counted from.
-        most_points: Points to judge by.
     """
-    matrices, uv = stacked(cameras), _points(uv_px, most_points)
+    matrices, uv = stacked(cameras), _points(uv_px, 2000)  # so many points judge
     if len(cameras) < 2 or uv.shape[1] < 20:
         return []
     once = decision.ideal(cameras, uv)
@@ -283,7 +280,7 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
             text=f"the pixels look distorted{' (or focal lengths are wrong)' if best.x > 0 else ''}, and no lens is "
             f"given: with k1 = {best.x:.2f} in all cameras the "
             f"median triangulation residual falls from {plain:.2f} px to {best.fun:.2f} px: give the camera "
-            "profile",
+            "profile (`profile`), or have it estimated with `fit_lens`",
             numbers={"k1": float(best.x), "plain_px": plain, "with_k1_px": float(best.fun)},
         )
     ]

@@ -40,7 +40,7 @@ class Offsets:
     samples: int
 
 
-def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 3000, rounds: int = 6) -> Offsets | None:
+def estimate_offsets(matrices: Array, ideal_px: Array) -> Offsets | None:
     """The time offsets of the cameras that minimise the triangulation residual of moving markers.
 
     A pixel of camera c at frame t is that of the marker at t + d_c: uv_c = h_c(x(t)) + d_c h_c'(x) x'(t). Its error
@@ -52,13 +52,11 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
     Args:
         matrices: (C, 3, 4) projections.
         ideal_px: (C, T, M, 2) ideal pixels; NaN where not seen.
-        most_frames: Of a longer recording so many frames in a row are used, where most is seen and moves.
-        rounds: How often offsets are applied and found again.
 
     Returns:
         The offsets; None where fewer than 50 pixels of moving markers are seen by two cameras, or rays give no points.
     """
-    ideal = _window(ideal_px, most_frames)
+    ideal = _window(ideal_px, 3000)  # so many frames in a row, where most is seen and moves
     often = np.isfinite(ideal[..., 0]).sum(axis=1, keepdims=True) >= 4  # as a cubic needs
     ideal = np.where(often[..., None], ideal, np.nan)
     n_cameras = len(ideal)
@@ -68,7 +66,7 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
     step = sd = np.zeros(n_cameras)
     before = after = 0.0
     samples = 0
-    for turn in range(rounds):
+    for turn in range(6):  # offsets are applied, and found again
         if turn == 1 and splines is None:
             splines = _splines(ideal)
         shifted = ideal if splines is None else _shifted(ideal, splines, -delay)

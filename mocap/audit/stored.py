@@ -12,6 +12,8 @@ from mocap.findings import MOST, Finding
 from mocap.io.placeholders import rounding
 from mocap.records import MarkerTracks
 
+PRINTED_M = 2e-6
+"""Stored points and their triangulation differ by less: the print precision of the files leaves 1e-6."""
 CLOSE = 1.1
 """Points that miss their pixels by no more than that factor over linear least squares fit them as well."""
 
@@ -31,13 +33,12 @@ class StalePoint:
     off_m: float | None
 
 
-def stale_points(xyz_m: Array, stored: MarkerTracks, *, tolerance_m: float = 2e-6) -> list[StalePoint]:
-    """Stored points further than ``tolerance_m`` from those that the pixels give, or that the pixels do not give.
+def stale_points(xyz_m: Array, stored: MarkerTracks) -> list[StalePoint]:
+    """Stored points further than ``PRINTED_M`` from those that the pixels give, or that the pixels do not give.
 
     Args:
         xyz_m: (T, M, 3) linear triangulation of the pixels.
         stored: The stored points of the same frames and markers.
-        tolerance_m: Print precision of the files leaves 1e-6.
 
     Raises:
         ValueError: the stored points have another number of frames or markers.
@@ -48,16 +49,14 @@ def stale_points(xyz_m: Array, stored: MarkerTracks, *, tolerance_m: float = 2e-
             "the files do not belong together"
         )
     off = np.linalg.norm(xyz_m - stored.xyz_m, axis=-1)
-    stale = stored.seen & ~(off <= tolerance_m)
+    stale = stored.seen & ~(off <= PRINTED_M)
     return [
         StalePoint(frame=int(t) + 1, marker=stored.names[m], off_m=float(off[t, m]) if np.isfinite(off[t, m]) else None)
         for t, m in np.argwhere(stale)
     ]
 
 
-def stored_findings(
-    matrices: Array, ideal_px: Array, stored: MarkerTracks, *, cameras: Sequence[str], tolerance_m: float = 2e-6
-) -> list[Finding]:
+def stored_findings(matrices: Array, ideal_px: Array, stored: MarkerTracks, *, cameras: Sequence[str]) -> list[Finding]:
     """Why most stored points differ from the triangulation of their pixels, where they do.
 
     Tried are: another marker's columns, another time, and a linear solve that took one camera's v row only, as Argus's
@@ -68,24 +67,23 @@ def stored_findings(
         ideal_px: (C, T, M, 2) ideal pixels.
         stored: The stored points of the same frames and markers.
         cameras: Names.
-        tolerance_m: As in ``stale_points``.
     """
     xyz = linear(matrices, ideal_px)
     both = stored.seen & np.isfinite(xyz[..., 0])
     if not both.any():
         return []
     off = np.linalg.norm(xyz - stored.xyz_m, axis=-1)
-    share = float(np.mean(off[both] <= tolerance_m))
-    found = _columns(xyz, stored, both, tolerance_m)
+    share = float(np.mean(off[both] <= PRINTED_M))
+    found = _columns(xyz, stored, both)
     named = {m for f in found for m in f.markers}
     rest = both & ~np.isin(stored.names, list(named))
-    if rest.any() and np.mean(off[rest] <= tolerance_m) < 0.5:
-        found += _shifted(xyz, stored, tolerance_m) or _half_solve(matrices, ideal_px, stored, cameras, tolerance_m)
+    if rest.any() and np.mean(off[rest] <= PRINTED_M) < 0.5:
+        found += _shifted(xyz, stored) or _half_solve(matrices, ideal_px, stored, cameras)
     if found or share == 1.0:
         return found
     if (elsewhere := other_world(xyz, stored)) is not None:
         return [elsewhere]
-    wrong = both & ~(off <= max(tolerance_m, rounding(stored.xyz_m)))  # sqrt(3) / 2 of a step at most
+    wrong = both & ~(off <= max(PRINTED_M, rounding(stored.xyz_m)))  # sqrt(3) / 2 of a step at most
     if not wrong.any():
         return []
     text = (
@@ -117,7 +115,7 @@ def stored_findings(
     ]
 
 
-def other_world(xyz_m: Array, stored_points: MarkerTracks, *, tolerance_m: float = 2e-6) -> Finding | None:
+def other_world(xyz_m: Array, stored_points: MarkerTracks) -> Finding | None:
     """Whether stored points are those of the pixels in another world: turned, shifted, scaled, mirrored or sheared.
 
     Two calibrations of the same cameras, or of cameras near the same places, give worlds that an affine map takes into
@@ -126,11 +124,10 @@ def other_world(xyz_m: Array, stored_points: MarkerTracks, *, tolerance_m: float
     Args:
         xyz_m: (T, M, 3) linear triangulation of the pixels.
         stored_points: The stored points of the same frames and markers.
-        tolerance_m: As in ``stale_points``.
     """
     both = stored_points.seen & np.isfinite(xyz_m[..., 0])
     xyz, stored = xyz_m[both], stored_points.xyz_m[both]
-    if len(xyz) < 12 or np.mean(np.linalg.norm(xyz - stored, axis=-1) <= tolerance_m) > 0.5:
+    if len(xyz) < 12 or np.mean(np.linalg.norm(xyz - stored, axis=-1) <= PRINTED_M) > 0.5:
         return None
     ones = np.concatenate([xyz, np.ones((len(xyz), 1))], axis=1)
     keep = np.ones(len(xyz), dtype=bool)
@@ -154,19 +151,19 @@ def other_world(xyz_m: Array, stored_points: MarkerTracks, *, tolerance_m: float
     )
 
 
-def _agree(a: Array, b: Array, tolerance_m: float) -> tuple[float, int]:
+def _agree(a: Array, b: Array) -> tuple[float, int]:
     """Share of the points that agree, of those that both have, and how many these are."""
     off = np.linalg.norm(a - b, axis=-1)
     ok = np.isfinite(off)
-    return (float(np.mean(off[ok] <= tolerance_m)), int(ok.sum())) if ok.any() else (0.0, 0)
+    return (float(np.mean(off[ok] <= PRINTED_M)), int(ok.sum())) if ok.any() else (0.0, 0)
 
 
-def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_], tolerance_m: float) -> list[Finding]:
+def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_]) -> list[Finding]:
     found = []
     for m, name in enumerate(stored.names):
-        if not both[:, m].any() or _agree(xyz[:, m], stored.xyz_m[:, m], tolerance_m)[0] > 0.2:
+        if not both[:, m].any() or _agree(xyz[:, m], stored.xyz_m[:, m])[0] > 0.2:
             continue
-        shares = [_agree(xyz[:, k], stored.xyz_m[:, m], tolerance_m) for k in range(len(stored.names))]
+        shares = [_agree(xyz[:, k], stored.xyz_m[:, m]) for k in range(len(stored.names))]
         k = max(range(len(shares)), key=lambda k: shares[k])
         if shares[k][0] > 0.8 and shares[k][1] >= 3:
             found.append(
@@ -181,11 +178,12 @@ def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_], toleranc
     return found
 
 
-def _shifted(xyz: Array, stored: MarkerTracks, tolerance_m: float, most: int = 50) -> list[Finding]:
+def _shifted(xyz: Array, stored: MarkerTracks) -> list[Finding]:
     n = len(xyz)
+    most = min(50, n - 1)
     shares = {
-        s: _agree(xyz[max(0, -s) : n - max(0, s)], stored.xyz_m[max(0, s) : n - max(0, -s)], tolerance_m)
-        for s in range(-min(most, n - 1), min(most, n - 1) + 1)
+        s: _agree(xyz[max(0, -s) : n - max(0, s)], stored.xyz_m[max(0, s) : n - max(0, -s)])
+        for s in range(-most, most + 1)
         if s
     }
     s = max(shares, key=lambda s: shares[s][0], default=0)
@@ -202,13 +200,11 @@ def _shifted(xyz: Array, stored: MarkerTracks, tolerance_m: float, most: int = 5
     ]
 
 
-def _half_solve(
-    matrices: Array, ideal_px: Array, stored: MarkerTracks, cameras: Sequence[str], tolerance_m: float
-) -> list[Finding]:
+def _half_solve(matrices: Array, ideal_px: Array, stored: MarkerTracks, cameras: Sequence[str]) -> list[Finding]:
     """Whether stored points are linear least squares with all u rows and the v row of one camera."""
     for c, name in enumerate(cameras):
         points = _one_v_row(matrices, ideal_px, c)
-        share, count = _agree(points, stored.xyz_m, tolerance_m)
+        share, count = _agree(points, stored.xyz_m)
         if share > 0.5 and count >= 5:
             return [
                 Finding(

@@ -26,8 +26,6 @@ def adjust(
     free: Free,
     lengths: Lengths = NO_LENGTHS,
     robust: float | None = 3.0,
-    rounds: int = 3,
-    most_steps: int = 60,
 ) -> Adjusted:
     """Bundle adjustment with an analytic sparse Jacobian and Cauchy's loss.
 
@@ -39,15 +37,13 @@ def adjust(
         free: What may move.
         lengths: Known distances.
         robust: Errors of so many standard deviations get half weight; None: least squares.
-        rounds: How often the scale is taken anew (at most; with least squares once).
-        most_steps: Steps of a round.
     """
     problem = _Problem(scene, sightings, free, lengths)
     n, unknowns = problem.groups.size, int(problem.start[-1])
     taken_up = np.sqrt(n / max(n - unknowns, 1))
     sd, minimum = median_sd(problem.error_px(scene)), None
-    for _ in range(rounds if robust is not None else 1):
-        minimum = problem.solve(scene, sd, robust, most_steps)
+    for _ in range(3 if robust is not None else 1):  # the scale is taken anew
+        minimum = problem.solve(scene, sd, robust)
         scene, last = minimum.state, sd
         sd = taken_up * median_sd(problem.error_px(scene))
         if abs(sd - last) < 0.02 * last:
@@ -88,7 +84,7 @@ class _Problem:
         n = len(sightings.camera)
         self.groups = np.concatenate([np.repeat(np.arange(n), 2), n + np.arange(len(lengths.first))])
 
-    def solve(self, scene: Scene, sd: float, robust: float | None, most_steps: int) -> Minimum[Scene]:
+    def solve(self, scene: Scene, sd: float, robust: float | None) -> Minimum[Scene]:
         return minimise(
             scene,
             residuals=lambda s: self.residuals(s, sd),
@@ -96,7 +92,7 @@ class _Problem:
             retract=self.retract,
             groups=self.groups,
             robust=robust,
-            most_steps=most_steps,
+            most_steps=60,
         )
 
     def world(self, scene: Scene, at: NDArray) -> Array:

@@ -38,10 +38,10 @@ def rigid(rotation: Array, translation: Array) -> Array:
     return T
 
 
-def pair_of(seen: Seen, first: int, second: int, turn: Array | None, *, near: float = 0.1) -> Pair | None:
+def pair_of(seen: Seen, first: int, second: int, turn: Array | None) -> Pair | None:
     """The relative pose of two cameras on which most of their common frames agree; None where they share none.
 
-    Two stands agree where they differ by less than ``near`` radians, and in place by less than that share of the
+    Two stands agree where they differ by less than a tenth of a radian, and in place by less than a tenth of the
     board's distance.
 
     Args:
@@ -49,7 +49,6 @@ def pair_of(seen: Seen, first: int, second: int, turn: Array | None, *, near: fl
         first: A camera.
         second: Another.
         turn: (4, 4) board axes turned by 180 degrees, for boards that look the same so; None for others.
-        near: Tolerance.
     """
     stems = [s for c, s in seen if c == first and (second, s) in seen]
     turns = [np.eye(4)] if turn is None else [np.eye(4), turn]
@@ -65,7 +64,7 @@ def pair_of(seen: Seen, first: int, second: int, turn: Array | None, *, near: fl
             _angle(stands[..., :3, :3] @ candidate[:3, :3].T),
             np.linalg.norm(stands[..., :3, 3] - candidate[:3, 3], axis=-1) / distance[:, None],
         )
-        agree = off.min(axis=1) < near
+        agree = off.min(axis=1) < 0.1
         score = (int(agree.sum()), -float(off.min(axis=1)[agree].sum()))
         if best is None or score > fewest:
             best, fewest = (candidate, agree), score

@@ -60,7 +60,6 @@ def fit_intrinsics(
     *,
     name: str,
     choices: Sequence[str] = tuple(CHOICES),
-    folds: int = 4,
 ) -> Intrinsics:
     """Fit lens models and choose.
 
@@ -74,7 +73,6 @@ def fit_intrinsics(
         size_px: Their size.
         name: Of the camera, for messages.
         choices: Names in ``CHOICES``.
-        folds: Into how many parts the pictures are split.
 
     Raises:
         CalibrationError: too few pictures, or no model gives a lens that can be.
@@ -88,9 +86,7 @@ def fit_intrinsics(
     for choice in choices:
         try:
             fits[choice] = _fit(views, size_px, choice, name)
-            errors[choice] = (
-                _held_out(views, size_px, choice, name, folds) if len(choices) > 1 else np.zeros(len(views))
-            )
+            errors[choice] = _held_out(views, size_px, choice, name) if len(choices) > 1 else np.zeros(len(views))
         except CalibrationError as error:
             fits.pop(choice, None)
             failures.append(str(error))
@@ -109,7 +105,7 @@ def fit_intrinsics(
     )
 
 
-def _held_out(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: str, folds: int) -> Array:
+def _held_out(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: str) -> Array:
     """(n,) mean squared error of each picture with a lens that was fitted without it."""
     shape = [np.append(v.uv_px.mean(axis=0), v.uv_px.std(axis=0)) for v in views]
     pose = distinct(np.stack(shape), within=CLICK_PX)  # pictures of a board that lies still are left out together
@@ -117,7 +113,7 @@ def _held_out(views: Sequence[Corners], size_px: tuple[int, int], choice: str, n
         raise CalibrationError(
             f"camera {name!r}: the board lies still in all pictures: film it at more places and tilts"
         )
-    part = pose % min(folds, pose.max() + 1)
+    part = pose % min(4, pose.max() + 1)
     out = np.empty(len(views))
     for fold in range(part.max() + 1):
         lens = _lens(_fit([v for v, p in zip(views, part, strict=True) if p != fold], size_px, choice, name))

@@ -33,12 +33,6 @@ class Sightings:
         object.__setattr__(self, "local_m", frozen("local_m", self.local_m, (n, 3)))
         object.__setattr__(self, "uv_px", frozen("uv_px", self.uv_px, (n, 2)))
 
-    def only(self, keep: NDArray) -> "Sightings":
-        """Those that a mask or index array keeps."""
-        return Sightings(
-            camera=self.camera[keep], body=self.body[keep], local_m=self.local_m[keep], uv_px=self.uv_px[keep]
-        )
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Lengths:

@@ -62,9 +62,7 @@ def calibrate_wand(
     background_px: Array,
     *,
     length_m: float,
-    length_sd_m: float | None = None,
     moves: str = "focal",
-    names: Sequence[str] | None = None,
     folds: int = 8,
 ) -> WandCalibration:
     """Calibrate by a wand.
@@ -75,18 +73,16 @@ def calibrate_wand(
         wand_px: (C, T, 2, 2) recorded pixels of its two ends, origin upper-left; NaN where not seen.
         background_px: (C, N, B, 2) recorded pixels of other points that several cameras saw at one instant.
         length_m: Distance of the wand's ends.
-        length_sd_m: How well it is known; None: a thousandth.
         moves: What of the lenses may move (``MOVES``).
-        names: Of the cameras; None: cam1, cam2, ...
         folds: Parts of the instants for the held-out score; 0 or 1: it is not computed (NaN).
 
     Raises:
         CalibrationError: too few wands, cameras without common points, or a result that cannot be.
     """
-    names = [f"cam{i + 1}" for i in range(len(lenses))] if names is None else list(names)
+    names = [f"cam{i + 1}" for i in range(len(lenses))]
     if moves not in MOVES:
         raise CalibrationError(f"`free` {moves!r}: expected one of {', '.join(MOVES)}")
-    sd = 1e-3 * length_m if length_sd_m is None else length_sd_m
+    sd = 1e-3 * length_m  # how well wands are measured
     pairs = np.moveaxis(wand_px, 2, 1).reshape(len(lenses), -1, 2)  # first ends, then second ends
     xy = np.stack([u.normalised(u.undistort(uv)) for u, uv in zip(lenses, pairs, strict=True)])
     whole = (np.isfinite(xy).all(axis=-1).sum(axis=0) >= 2).reshape(2, -1).all(axis=0)
@@ -156,9 +152,9 @@ def calibrate_wand(
     return result
 
 
-def wand_lengths(cameras: Sequence[Camera], wand_px: Array, *, iterations: int | None = None) -> Array:
+def wand_lengths(cameras: Sequence[Camera], wand_px: Array) -> Array:
     """(T,) distances of the wand's ends by linear triangulation (DLT); NaN where an end is seen by fewer than two."""
-    ends = linear(stacked(cameras), undistorted(cameras, wand_px, iterations=iterations))
+    ends = linear(stacked(cameras), undistorted(cameras, wand_px))
     return np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1)
 
 

@@ -5,8 +5,8 @@ and stack the films of several cameras above or beside one another. Each of thes
 hundreds of pixels; each is tried, for every camera alone and for sets of cameras, and the one that fits is named.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, permutations, product
 
@@ -45,6 +45,7 @@ class Arrangement:
         residual_px: Median triangulation residual as the files are.
         undone_px: The same where it is undone.
         others: Other changes that undo it as well, in words: in a symmetric rig rays cannot tell.
+        belongs: Of swapped cameras: of each view by its camera's name, the camera whose calibration it belongs to.
     """
 
     kind: str
@@ -53,6 +54,7 @@ class Arrangement:
     residual_px: float
     undone_px: float
     others: tuple[str, ...] = ()
+    belongs: Mapping[str, str] = field(default_factory=dict)
 
     def describe(self) -> str:
         """One sentence for people."""
@@ -125,6 +127,7 @@ def find_arrangement(
         worst,
         cameras=tuple(name for one in found for name in one.cameras),
         change=", and ".join(one.change for one in found),
+        belongs={view: camera for one in found for view, camera in one.belongs.items()},
         undone_px=max(one.undone_px for one in found),
     )
 
@@ -343,13 +346,15 @@ def _named(
     names = [c.name for c in cameras]
     moved = [i for i, to in enumerate(change.order) if i != to]
     if moved:
-        pairs = ", ".join(f"pixels of {names[i]!r} with the calibration of {names[change.order[i]]!r}" for i in moved)
+        belongs = {names[i]: names[change.order[i]] for i in moved}
+        pairs = ", ".join(f"pixels of {view!r} with the calibration of {own!r}" for view, own in belongs.items())
         return Arrangement(
             kind="swapped cameras",
             cameras=tuple(names[i] for i in moved),
             change=f"the cameras are in another order than their calibration; these belong together: {pairs}",
             residual_px=as_is,
             undone_px=undone,
+            belongs=belongs,
         )
     if (
         fewer and change.kinds.count("v") + change.kinds.count("uv") > len(names) / 2

@@ -147,7 +147,6 @@ def decide_origin(
     coefficients: PixelCorner | None = None,
     height_px: float | None = None,
     usual: PixelCorner | None = None,
-    most_points: int = 4000,
 ) -> PixelOrigin:
     """Decide where pixels are counted from.
 
@@ -162,7 +161,6 @@ def decide_origin(
         coefficients: Corner of the coefficients, if stated.
         height_px: Image height, if stated; else the profile's or twice its principal point.
         usual: The corner from which the program that wrote the pixels counts.
-        most_points: Points to judge by.
 
     Raises:
         ArrangementError: the pixels fit only with mirrored axes, shifted, or with the cameras in another order.
@@ -172,7 +170,8 @@ def decide_origin(
     """
     uv = uv_px.reshape(len(uv_px), -1, 2)
     uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
-    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)] if uv.size else uv
+    # so many points judge
+    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 4000)).astype(int)] if uv.size else uv
     lens = any(c.lens is not None for c in cameras)
     heights = [height_px] if height_px is not None else image_heights(cameras)
     tried: list[tuple[float, PixelCorner, PixelCorner, float | None, Array]] = []

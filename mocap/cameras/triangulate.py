@@ -209,12 +209,11 @@ def robust(
     uv_px: Array,
     *,
     sd_px: float | None = None,
-    gate_sd: float = 5.0,
     relative: Array | None = None,
 ) -> Triangulation:
     """Triangulate, rejecting rays that miss, the worst first.
 
-    A point whose residual exceeds ``gate_sd`` standard deviations loses the ray whose removal lowers its squared error
+    A point whose residual exceeds five standard deviations loses the ray whose removal lowers its squared error
     most, until it agrees or two rays are left. With two rays left that disagree nothing tells which is wrong: both are
     rejected and the point is lost.
 
@@ -222,7 +221,6 @@ def robust(
         matrices: (C, 3, 4) projections.
         uv_px: (C, T, M, 2) ideal pixels.
         sd_px: Standard deviation of a pixel coordinate; None estimates it (``pixel_sd``).
-        gate_sd: Largest believed residual in standard deviations.
         relative: Deviations of rays relative to ``sd_px``, broadcastable to (C, T, M); residuals are divided by them.
             None: 1.
     """
@@ -232,7 +230,7 @@ def robust(
     xyz = linear(matrices, uv, relative=scale)
     residual = residual_px(matrices, uv, xyz, relative=scale)
     sd = pixel_sd(residual, seen.sum(axis=0)) if sd_px is None else sd_px
-    limit = gate_sd * max(sd, 1e-9)
+    limit = 5.0 * max(sd, 1e-9)
     for _ in range(len(matrices)):
         t, m = np.nonzero(residual > limit)
         if not len(t):

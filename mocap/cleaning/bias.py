@@ -35,7 +35,6 @@ def ray_bias(
     uv_px: Array,
     *,
     dt_s: float,
-    cutoff_hz: float = 8.0,
     iterations: int = 8,
     relative: Array | None = None,
 ) -> RayBias:
@@ -50,11 +49,10 @@ def ray_bias(
         matrices: (C, 3, 4) projections.
         uv_px: (C, T, M, 2) ideal pixels without rays that miss; NaN where not seen.
         dt_s: Time step.
-        cutoff_hz: Faster errors count as jitter; at most a twentieth of the frame rate is taken.
         iterations: Rounds.
         relative: (C, T, M) deviations of rays, relative to a usual one's; None: 1.
     """
-    cutoff_hz = min(cutoff_hz, 0.05 / dt_s)
+    cutoff_hz = min(8.0, 0.05 / dt_s)  # faster errors count as jitter
     seen = np.isfinite(uv_px[..., 0])
     count = seen.sum(axis=0)
     none = np.zeros_like(uv_px)

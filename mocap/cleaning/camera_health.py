@@ -108,7 +108,7 @@ def camera_health(matrices: Array, uv_px: Array) -> CameraHealth:
     return CameraHealth(factor=factor, level_px=level, bad=tuple(bad), known=True)
 
 
-def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int, *, rounds: int = 12) -> tuple[Array, Fit]:
+def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int) -> tuple[Array, Fit]:
     """Noise level of every camera in every frame, errors being of Student's t.
 
     Alternates between points and levels: s^2 = sum w r^2 / sum of redundancies over a window of five frames, with
@@ -119,7 +119,6 @@ def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int, *, roun
         problem: K points.
         frame: (K,) their frames.
         n_frames: T.
-        rounds: Rounds; a level that is ten times too low doubles in each.
 
     Returns:
         (C, T) standard deviations of a pixel coordinate, NaN where unknown; and the last fit.
@@ -137,7 +136,7 @@ def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int, *, roun
     scale *= max(float(np.sqrt(usual)), 1e-9)
     weight = np.ones(problem.seen.shape)
     found, enough = start, np.zeros(scale.shape, dtype=bool)
-    for _ in range(rounds):
+    for _ in range(12):  # a level that is ten times too low doubles in each
         variance = scale[:, frame] ** 2
         found = fit(problem, weight / variance)
         squares = np.sum(found.residual**2, axis=-1)

@@ -70,8 +70,8 @@ def clean(xyz_m: Array, sd_m: Array, t_s: Array, skeleton: Skeleton, names: tupl
     return Cleaning(rejected=rejected, max_speed_m_s=limit)
 
 
-def speed_limits(xyz_m: Array, t_s: Array, *, factor: float = 6.0) -> Array:
-    """(M,) ``factor`` times the 90 % quantile of each marker's speed between neighbouring frames; inf if unknown.
+def speed_limits(xyz_m: Array, t_s: Array) -> Array:
+    """(M,) six times the 90 % quantile of each marker's speed between neighbouring frames; inf if unknown.
 
     Digitising errors are rare (a few per cent), so that the quantile is the animal's.
     """
@@ -80,11 +80,11 @@ def speed_limits(xyz_m: Array, t_s: Array, *, factor: float = 6.0) -> Array:
     for marker, column in enumerate(speed.T):
         known = column[np.isfinite(column)]
         if len(known) >= 10:
-            limits[marker] = factor * np.quantile(known, 0.9)
+            limits[marker] = 6.0 * np.quantile(known, 0.9)
     return limits
 
 
-def jumps(xyz_m: Array, t_s: Array, *, max_speed_m_s: Array, slack_m: Array, window: int = 40) -> Mask:
+def jumps(xyz_m: Array, t_s: Array, *, max_speed_m_s: Array, slack_m: Array) -> Mask:
     """The fewest samples whose removal leaves each marker slower than its limit.
 
     The longest chain of samples of which each is reached from the one before at no more than the limit, found by
@@ -95,7 +95,6 @@ def jumps(xyz_m: Array, t_s: Array, *, max_speed_m_s: Array, slack_m: Array, win
         t_s: (T,) times.
         max_speed_m_s: (M,) limits.
         slack_m: (M,) distance that measurement noise may add.
-        window: Predecessors that are looked at.
 
     Returns:
         (T, M) True for samples that are not on the chain.
@@ -112,7 +111,7 @@ def jumps(xyz_m: Array, t_s: Array, *, max_speed_m_s: Array, slack_m: Array, win
         length = np.ones(len(frames), dtype=int)
         before = np.full(len(frames), -1)
         for i in range(1, len(frames)):
-            j = np.arange(max(0, i - window), i)
+            j = np.arange(max(0, i - 40), i)  # so many wrong samples on end, at most
             reach = max_speed_m_s[marker] * (t[i] - t[j]) + slack_m[marker]
             ok = j[np.linalg.norm(x[i] - x[j], axis=1) <= reach]
             if len(ok):
@@ -152,18 +151,16 @@ def duplicates(xyz_m: Array, sd_m: Array) -> Mask:
     return out
 
 
-def stretched(xyz_m: Array, bones: NDArray[np.int64], *, tolerance: float = 0.25, deviations: float = 8.0) -> Mask:
+def stretched(xyz_m: Array, bones: NDArray[np.int64]) -> Mask:
     """Ends of rigid bones whose length deviates from its usual value.
 
-    A bone violates where its length differs from its median by more than ``tolerance`` of it and by more than
-    ``deviations`` robust standard deviations. The end with more violating bones is rejected, of equals the one that is
-    further off its own course; then again, until no bone violates.
+    A bone violates where its length differs from its median by more than a quarter of it, which skin and digitising may
+    add, and by more than eight robust standard deviations. The end with more violating bones is rejected, of equals the
+    one that is further off its own course; then again, until no bone violates.
 
     Args:
         xyz_m: (T, M, 3) positions.
         bones: (B, 2) marker indices.
-        tolerance: Share of the length that skin and digitising may add.
-        deviations: Robust standard deviations.
     """
     xyz = xyz_m.copy()
     out = np.zeros(xyz.shape[:2], dtype=bool)
@@ -176,7 +173,7 @@ def stretched(xyz_m: Array, bones: NDArray[np.int64], *, tolerance: float = 0.25
         return out
     median = np.nanmedian(length, axis=0)
     robust_sd = 1.4826 * np.nanmedian(np.abs(length - median), axis=0)
-    limit = np.maximum(tolerance * median, deviations * robust_sd)
+    limit = np.maximum(0.25 * median, 8.0 * robust_sd)
     away = off_course(xyz)
     away = away / (1 + away)  # below 1: breaks ties only
     for _ in range(xyz.shape[1]):

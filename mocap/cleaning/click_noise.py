@@ -49,8 +49,6 @@ def click_noise(
     xyz_m: Array,
     *,
     relative: Array | None = None,
-    rounds: int = 20,
-    most: int = 4000,
 ) -> ClickNoise | None:
     """Estimate scales and degrees of freedom from residuals of triangulation.
 
@@ -65,8 +63,6 @@ def click_noise(
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
         xyz_m: (T, M, 3) points near which to linearise; NaN where unknown.
         relative: (C, T, M) scales of rays relative to what is estimated; None: 1. Where above 1 rays say nothing of it.
-        rounds: Rounds.
-        most: At most about so many points are looked at, spread over the recording.
 
     Returns:
         The noise; None where no point is seen by two cameras.
@@ -75,7 +71,8 @@ def click_noise(
     known = np.isfinite(xyz_m[..., 0]) & (count >= 2)
     if not known.any():
         return None
-    known.ravel()[np.delete(np.flatnonzero(known), slice(None, None, int(np.ceil(known.sum() / most))))] = False
+    every = int(np.ceil(known.sum() / 4000))  # so many points, spread over the recording, are looked at
+    known.ravel()[np.delete(np.flatnonzero(known), slice(None, None, every))] = False
     n_cameras, _, n_markers = uv_px.shape[:3]
     marker = np.nonzero(known)[1]
     worse = np.ones((n_cameras, len(marker))) if relative is None else relative[:, known]
@@ -89,7 +86,7 @@ def click_noise(
     squares = np.sum(found.residual**2, axis=-1) / worse**2
     typical = np.median(squares[rays] / np.maximum(found.redundancy[rays], 0.1))
     scale = max(float(np.sqrt(typical)), 1e-9)
-    for _ in range(rounds):
+    for _ in range(20):  # rounds of ECME
         spread = scale * camera_factor[:, None] * marker_factor[marker] * worse
         distance = 2 * np.sum(found.residual**2, axis=-1) / (np.maximum(found.redundancy, 0.05) * spread**2)
         weight = np.where(rays, (dof[:, None] + 2) / (dof[:, None] + distance), 0.0)

@@ -57,8 +57,8 @@ def _in_place(xyz_m: Array, bone: BoneLength, fixed: int, others: int | slice) -
     return np.nan_to_num(student_log(((length - bone.median_m) / bone.sd_m) ** 2, 1))
 
 
-def steady_pairs(xyz_m: Array, bones: Bones, *, partners: int = 3, steady: float = 0.2) -> Bones:
-    """(P, 2) markers without a bone, each with those others from which its distance varies least."""
+def steady_pairs(xyz_m: Array, bones: Bones) -> Bones:
+    """(P, 2) markers without a bone, each with up to three others: their distance varies least, by under 20 %."""
     out = []
     boned = {int(m) for m in bones.ravel()}
     for marker in range(xyz_m.shape[1]):
@@ -69,8 +69,8 @@ def steady_pairs(xyz_m: Array, bones: Bones, *, partners: int = 3, steady: float
         varies = 1.4826 * _medians(np.abs(distance - median)) / np.maximum(median, 1e-12)
         varies[np.isfinite(distance).sum(axis=0) < 30] = np.inf
         varies[marker] = np.inf
-        best = np.argsort(varies)[:partners]
-        out += [(marker, int(other)) for other in best if varies[other] < steady]
+        best = np.argsort(varies)[:3]
+        out += [(marker, int(other)) for other in best if varies[other] < 0.2]
     return np.array(out, dtype=np.int64).reshape(-1, 2)
 
 

@@ -20,7 +20,6 @@ def student_t(
     xyz_m: Array,
     *,
     sd_px: float,
-    rounds: int = 6,
     relative: Array | None = None,
     noise: ClickNoise | None = None,
 ) -> tuple[Array, Array, Array, Array]:
@@ -42,7 +41,6 @@ def student_t(
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
         xyz_m: (T, M, 3) starting points; NaN stays NaN.
         sd_px: Standard deviation of a pixel coordinate over all rays, to start from.
-        rounds: Rounds of reweighting.
         relative: (C, T, M) scales of rays relative to s; None: 1.
         noise: Factors of cameras and markers, and degrees of freedom; None: 1, and ``DOF``.
 
@@ -64,7 +62,7 @@ def student_t(
     xyz, cov = xyz_m, np.full((*xyz_m.shape, 3), np.nan)
     rows = np.where(count == 2, 1, 2)  # of two rays only the distance from each other is left
     own = np.sqrt((nu + 4) / (nu + 2)) * spread
-    for _ in range(rounds):
+    for _ in range(6):  # rounds of reweighting
         ray_sd = own * scale / np.sqrt(weight)
         xyz, cov = refine(matrices, uv_px, xyz, sd_px=ray_sd, iterations=2)
         squares, taken = (part / spread**2 for part in _misses(matrices, uv_px, xyz, cov))

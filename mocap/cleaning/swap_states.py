@@ -288,10 +288,10 @@ def settle_all(
     return uv_px, relative, found, doubtful
 
 
-def mixed(swap: Swap, rays: Sequence[Swap], ambiguous: Mask, *, margin: int = 5) -> bool:
+def mixed(swap: Swap, rays: Sequence[Swap], ambiguous: Mask) -> bool:
     """Whether names of two markers differ from camera to camera about the time in which all are to be exchanged."""
     pair = [swap.a, swap.b]
-    first, last = int(swap.frames[0]) - margin, int(swap.frames[-1]) + margin
+    first, last = int(swap.frames[0]) - 5, int(swap.frames[-1]) + 5  # frames about it
     if ambiguous[:, max(first, 0) : last + 1][:, :, pair].any():
         return True
     return any(

@@ -94,13 +94,12 @@ def exchange(values: Array, swaps: Sequence[Swap]) -> Array:
     return out
 
 
-def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchanged:
+def exchanged_markers(xyz_m: Array, bones: Bones) -> Exchanged:
     """Find identity switches, the clearest first; each search starts from the data with the earlier ones undone.
 
     Args:
         xyz_m: (T, M, 3) positions; NaN where not seen.
         bones: (B, 2) markers at constant distance.
-        most: At most so many pairs.
     """
     if len(xyz_m) < 3:
         return Exchanged(swaps=(), unsure=np.zeros(xyz_m.shape[:2], dtype=bool))
@@ -110,7 +109,7 @@ def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchange
     swaps: list[Swap] = []
     done: set[Pair] = set()
     bend = bend_scales(xyz)
-    for _ in range(most):
+    for _ in range(60):  # pairs at most
         crossing = crossing_pairs(xyz, bend)
         found: dict[Pair, tuple[list[Swap], Mask]] = {}
         for by_bones in (False, True):

@@ -14,9 +14,9 @@ from pathlib import Path
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
 from rich.segment import Segment
 
-from mocap.cli.words import option_names, with_options
+from mocap.cli.words import option_names
 from mocap.progress import bars
-from mocap.text import number_of, visible
+from mocap.text import number_of, visible, with_options
 
 
 class _Visible:

@@ -4,7 +4,7 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
@@ -21,26 +21,30 @@ from mocap.batches.manifest import read_manifest, write_manifest
 from mocap.batches.plan import PLAN
 from mocap.batches.run import batch
 from mocap.batches.trial import Trial
+from mocap.cameras.arrangement import ArrangementError
+from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof
 from mocap.errors import MocapError
 from mocap.findings import Finding
 from mocap.io.lock import locked
 from mocap.io.output import result_file, result_folder
+from mocap.io.unstated_unit import UNIT
 from mocap.pipeline.edits import read_edits, standing
+from mocap.pipeline.reading import OPTIONS, in_options
 from mocap.pipeline.recording import audit_points, with_ideal_pixels
 from mocap.results.tracked import load
+from mocap.text import number_of
 
 EDITS = "edits.jsonl"
-MEND: Mapping[str, tuple[tuple[str, str, Any], ...]] = {
-    "distortion": (("Estimate the lens", "fit_lens", True),),
-    "camera offsets": (("Put cameras in step", "correct_lag", True),),
-    "pixel origin": (
-        ("Rows count from above", "origin", "upper-left"),
-        ("Rows count from below", "origin", "lower-left"),
-    ),
-    "assumed unit": tuple((f"Lengths are in {unit}", "unit", unit) for unit in ("m", "mm", "cm")),
+MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
+    "fit_lens": (("Estimate the lens", True),),
+    "correct_lag": (("Correct the lag", True),),
+    "origin": (("Rows count from above", "upper-left"), ("Rows count from below", "lower-left")),
+    "unit": tuple((f"Lengths are in {unit}", unit) for unit in ("m", "mm", "cm", "in", "ft")),
+    "swap": (("Swap the cameras", True),),
 }
-"""What the program can do about a finding, by its kind: what a person reads, and an argument of ``mocap.read``."""
+"""What can be done about a finding that names an argument of ``mocap.read`` (``swap``: about cameras in another order
+than their calibration): what a person reads, and the argument's value."""
 PASSED = {
     "report": "report.html, figures and tables",
     "xlsx": "tables for Excel",
@@ -63,6 +67,7 @@ class Desk:
         options: How they are tracked.
         jobs: How many at a time.
         proof: The trial that is proof-read; None: none yet.
+        draft: The skeleton that is drawn; None: none yet.
     """
 
     out: Path
@@ -70,6 +75,7 @@ class Desk:
     options: Options
     jobs: int = 2
     proof: Proof | None = None
+    draft: Draft | None = None
     _running: BaseProcess | None = None
     _ear: Connection | None = None
     _heard: dict[str, Any] = field(default_factory=dict)
@@ -113,7 +119,7 @@ class Desk:
                     "name": trial.name,
                     "files": [path.name for path in trial.paths],
                     "status": status,
-                    "error": trial.skip or ("" if record is None else record.error),
+                    "error": in_options(trial.skip or ("" if record is None else record.error)),
                     "edits": len(standing(read_edits(log))) if log.is_file() else 0,
                     "warning": str(row.get("warning", "")),
                     "measured_percent": row.get("measured_percent"),
@@ -125,14 +131,7 @@ class Desk:
 
     def command(self, trial: Trial) -> str:
         """The command that tracks a trial as the desk does."""
-        words = ["mocap", "track", *map(_plain, trial.paths)]
-        for key, value in trial.stated.items():
-            if key == "hints" or value is False or value is None:
-                continue
-            option = "--" + key.removesuffix("_px").replace("_", "-")
-            for one in value if isinstance(value, list) else [value]:
-                words += [option] if one is True else [option, _plain(one)]
-        words += [] if self.options.validate else ["--no-validate"]
+        words = ["mocap", "track", *_typed(trial), *([] if self.options.validate else ["--no-validate"])]
         return shlex.join([*words, "--model", str(self.options.model), "--out", str(self.out / trial.name), "--force"])
 
     def batch_command(self) -> str:
@@ -144,6 +143,7 @@ class Desk:
         """What is found in a trial's files, worst first, each with what the program can do about it."""
         trial = self.trial(name)
         found: list[Finding] = []
+        swap = None
         try:
             recording = trial.recording()
             found += [*recording.findings, *recording.told]
@@ -157,20 +157,26 @@ class Desk:
                 found += audit.pixel_findings(recording.pixels)
             elif recording.points is not None:
                 found += audit.point_findings(recording.points)
+        except ArrangementError as error:
+            found.append(Finding(kind=error.arrangement.kind, alarm=True, text=str(error)))
+            with suppress(MocapError):
+                swap = _in_order(trial)
         except MocapError as error:
-            found.append(
-                Finding(kind="pixel origin" if "`origin`" in str(error) else "refused", alarm=True, text=str(error))
-            )
+            found.append(Finding(kind="refused", alarm=True, text=str(error)))
         once = {one.text: one for one in sorted(found, key=lambda one: not one.alarm)}
         return [
             {
                 "kind": one.kind,
-                "text": one.text,
+                "text": in_options(one.text),
                 "alarm": one.alarm,
                 "mend": [
                     {"said": said, "name": key, "value": value}
-                    for said, key, value in MEND.get(one.kind, ())
-                    if (one.alarm or one.kind == "assumed unit") and trial.stated.get(key) != value
+                    for key, ways in MEND.items()
+                    if f"`{key}`" in one.text
+                    or (key == "unit" and one.kind == UNIT)
+                    or (key == "swap" and one.kind == "swapped cameras" and swap is not None)
+                    for said, value in ways
+                    if trial.stated.get(key) != value
                 ],
             }
             for one in once.values()
@@ -181,12 +187,17 @@ class Desk:
 
         Args:
             name: The trial.
-            key: An argument of ``MEND``, or ``skip``: why it is not tracked (empty: it is).
+            key: Of ``MEND``, or ``skip``: why it is not tracked (empty: it is).
             value: Its value.
+
+        Raises:
+            MocapError: no order of the files makes the cameras fit.
         """
         trial = self.trial(name)
         if key == "skip":
             self.trials[name] = replace(trial, skip=str(value))
+        elif key == "swap":
+            self.trials[name] = _in_order(trial)
         else:
             self.trials[name] = replace(trial, stated={**trial.stated, key: value})
         self.save()
@@ -251,6 +262,52 @@ class Desk:
             raise MocapError("open a trial first")
         return self.proof
 
+    def draw(self, name: str) -> dict[str, Any]:
+        """Open the skeleton of a trial."""
+        self.draft = None
+        self.draft = open_draft(self.trial(name), self.out / "skeletons" / f"{name}.toml")
+        return self.drawn()
+
+    def drawn(self) -> dict[str, Any]:
+        """The skeleton that is drawn, and the command that proposes one."""
+        draft = self.drawing()
+        without = ("skeleton", "edits", "correct_lag", "fit_lens")
+        words = ["mocap", "skeleton", *_typed(self.trial(draft.trial), without=without)]
+        return {**draft.info(), "command": shlex.join([*words, "--out", str(draft.path), "--force"])}
+
+    def drawing(self) -> Draft:
+        """The skeleton that is drawn.
+
+        Raises:
+            MocapError: none is open.
+        """
+        if self.draft is None:
+            raise MocapError("open the skeleton of a trial first")
+        return self.draft
+
+    def keep_skeleton(self, **drawn: Any) -> str:
+        """Write what was drawn, and state it of all trials that had the skeleton of this one, or none as it.
+
+        Raises:
+            MocapError: it is no skeleton, or corrections of one of the trials name markers that are called otherwise.
+        """
+        draft = self.drawing()
+        found, before = draft.changed(**drawn), self.trial(draft.trial).stated.get("skeleton")
+        same = [name for name, trial in self.trials.items() if trial.stated.get("skeleton") == before]
+        there = {None, *found.renamed(draft.recording.names)}
+        for log in (log for name in same if (log := self.log(name)).is_file()):
+            if lost := {marker for edit in standing(read_edits(log)) for marker in (edit.marker, edit.other)} - there:
+                raise MocapError(
+                    f"{log} has corrections of {', '.join(map(str, lost))}: keep these names, or undo the corrections"
+                )
+        draft.save(found)
+        for name in same:
+            self.trials[name] = replace(self.trials[name], stated={**self.trials[name].stated, "skeleton": draft.path})
+        self.save()
+        if self.proof is not None and self.proof.name in same:
+            self.proof = None  # it has the names of before
+        return f"wrote {draft.path} for {number_of(len(same), 'trial')}"
+
     def pass_on(self, name: str, kind: str) -> str:
         """Write a result for others: its report, or an export of ``mocap kinematics``.
 
@@ -278,6 +335,37 @@ class Desk:
         with TemporaryDirectory() as place:
             self.opened().result.write_recording(Path(place))
             return (Path(place) / "recording.rrd").read_bytes()
+
+
+def _in_order(trial: Trial) -> Trial:
+    """A trial of one file per camera, with the files in the order of their calibration.
+
+    Raises:
+        MocapError: it is one file, or in no order do its files fit.
+    """
+    try:
+        recording = trial.recording()
+        with_ideal_pixels(recording)
+    except ArrangementError as error:
+        names, belongs = [camera.name for camera in recording.cameras], error.arrangement.belongs
+        if len(trial.paths) != len(names) or not belongs:
+            raise
+        order = [names.index(belongs.get(name, name)) for name in names]
+        found = replace(trial, paths=tuple(trial.paths[order.index(i)] for i in range(len(names))))
+        with_ideal_pixels(found.recording())
+        return found
+    raise MocapError(f"{trial.name}: its cameras are in the order of their calibration")
+
+
+def _typed(trial: Trial, *, without: Sequence[str] = ()) -> list[str]:
+    """A trial's files, and what is stated of them, as commands take them."""
+    words = [*map(_plain, trial.paths)]
+    for key, value in trial.stated.items():
+        if key in ("hints", *without) or value is False or value is None:
+            continue
+        for one in value if isinstance(value, list) else [value]:
+            words += [OPTIONS[key]] if one is True else [OPTIONS[key], _plain(one)]
+    return words
 
 
 def _plain(value: Any) -> str:

@@ -1,21 +1,16 @@
 """The page of the desk: each request has a schema, and is one call of the desk."""
 
-from collections.abc import Callable
-from http import HTTPStatus
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 from starlette.applications import Starlette
-from starlette.responses import JSONResponse, Response
-from starlette.routing import Route
 
 from mocap.desk.desk import MEND, PASSED, Desk
-from mocap.digitising.overlays import ClickAt, ExchangeOf, RangeOf, SeenAt, ShownAt, scene_routes, shell
-from mocap.web import Nothing, Query, page, task
+from mocap.digitising.overlays import ClickAt, ExchangeOf, RangeOf, ShownAt, picture_route, scene_routes, shell
+from mocap.web import Nothing, Query, below, changes, page, reads
 
-Q = TypeVar("Q", bound=Query)
 _Text = Annotated[str, Field(max_length=500)]
-_STATED = {(key, value) for ways in MEND.values() for _, key, value in ways}
+_STATED = {(key, value) for key, ways in MEND.items() for _, value in ways}
 
 
 class _Trial(Query):
@@ -41,15 +36,23 @@ class _Curve(Query):
     name: _Text
 
 
+class _Seen(Query):
+    frame: Annotated[int, below("drawn_frames")]
+
+
+_Point = Annotated[int, below("points")]
+
+
+class _Drawn(Query):
+    names: list[_Text]
+    bones: list[tuple[_Point, _Point, bool]]
+    trunk: list[_Point]
+    joints: dict[_Text, tuple[_Point, _Point, _Point]]
+
+
 def desk_page(desk: Desk) -> Starlette:
     """The page of a desk, for ``mocap.web.served``."""
-    limits: dict[str, Any] = {"cameras": 0, "frames": 0, "markers": 0, "sizes": []}
-
-    def reads(path: str, query: type[Q], work: Callable[[Q], Any]) -> Route:
-        return task(path, query, lambda given: JSONResponse(work(given)), limits=limits)
-
-    def changes(path: str, query: type[Q], work: Callable[[Q], str]) -> Route:
-        return task(path, query, lambda given: JSONResponse({"said": work(given)}), limits=limits, changes=True)
+    limits: dict[str, Any] = {"cameras": 0, "frames": 0, "markers": 0, "sizes": [], "points": 0, "drawn_frames": 0}
 
     def opened(given: _Trial) -> dict[str, Any]:
         info = desk.open(given.trial)
@@ -58,10 +61,14 @@ def desk_page(desk: Desk) -> Starlette:
         )
         return info
 
-    def picture(seen: SeenAt) -> Response:
-        found = desk.opened().picture(seen.camera, seen.frame)
-        status = HTTPStatus.NOT_FOUND if found is None else HTTPStatus.OK
-        return Response(found, status, media_type="image/png")
+    def picture(camera: int, frame: int) -> Any:
+        films = desk.opened().films
+        return None if films is None else films.picture(camera, frame)
+
+    def draft(given: _Trial) -> dict[str, Any]:
+        info = desk.draw(given.trial)
+        limits.update(points=len(info["points"]), drawn_frames=info["n_frames"])
+        return info
 
     def places(_: Nothing) -> list[dict[str, Any]]:
         return [{**vars(place), "worth_mm2": round(1e6 * place.worth_m2, 3)} for place in desk.opened().places()]
@@ -87,8 +94,14 @@ def desk_page(desk: Desk) -> Starlette:
             reads("/frame", ShownAt, lambda at: desk.opened().frame(at.frame, at.marker)),
             reads("/places", Nothing, places),
             reads("/curve", _Curve, lambda given: desk.opened().curve(given.name)),
-            task("/picture", SeenAt, picture, limits=limits),
+            picture_route(picture),
             *scene_routes(desk.scene),
+            reads("/draft", _Trial, draft),
+            reads("/drawn", Nothing, lambda _: desk.drawn()),
+            reads("/points", _Seen, lambda at: desk.drawing().places(at.frame)),
+            changes("/propose", _Drawn, lambda given: desk.drawing().propose(**dict(given))),
+            changes("/mirror", _Drawn, lambda given: desk.drawing().mirror(**dict(given))),
+            changes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**dict(given))),
             changes("/state", _Stated, lambda given: desk.state(given.trial, given.name, given.value)),
             changes("/track", Nothing, lambda _: desk.track()),
             changes("/stop", Nothing, lambda _: desk.stop()),
@@ -98,5 +111,6 @@ def desk_page(desk: Desk) -> Starlette:
             changes("/undo", Nothing, lambda _: desk.opened().edit(what="undo")),
             changes("/settle", Nothing, lambda _: desk.opened().settle()),
             changes("/pass", _Passed, lambda given: desk.pass_on(given.trial, given.kind)),
-        ]
+        ],
+        limits=limits,
     )

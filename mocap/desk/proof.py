@@ -16,7 +16,7 @@ from mocap.cameras.camera import stacked
 from mocap.cameras.origin import flipped
 from mocap.cameras.triangulate import linear, project
 from mocap.digitising.films import Films, open_films
-from mocap.digitising.overlays import ellipses, epipolar_lines, listed, png
+from mocap.digitising.overlays import ellipses, epipolar_lines, listed
 from mocap.errors import MocapError
 from mocap.io.movies import FILMS
 from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing, straightened
@@ -216,11 +216,6 @@ class Proof:
                 for c in range(len(clicked))
             ]
         }
-
-    def picture(self, camera: int, frame: int) -> bytes | None:
-        """A picture of a film."""
-        found = None if self.films is None else self.films.picture(camera, frame)
-        return None if found is None else png(found)
 
     @cached_property
     def _measured(self) -> Array:

@@ -49,21 +49,19 @@ class Strength:
         return np.maximum(np.nan_to_num(below), 0.0) ** 2
 
 
-def strength_of(found: Array, before: Strength, *, least: int = 30, least_sd: float = 0.15) -> Strength:
+def strength_of(found: Array, before: Strength) -> Strength:
     """How strongly dots respond that are named: medians, and how far below them the 16th percentiles are.
 
     Args:
         found: (C, N) responses of named dots; NaN: none.
-        before: What holds for cameras with fewer than ``least`` of them.
-        least: See there.
-        least_sd: Least standard deviation of a logarithm.
+        before: What holds for cameras with fewer than 30 of them.
     """
     log_median, log_sd = before.log_median.copy(), before.log_sd.copy()
     for c, row in enumerate(found):
         levels = np.log(np.maximum(row[np.isfinite(row)], 1e-3))
-        if len(levels) >= least:
+        if len(levels) >= 30:
             low, log_median[c] = np.quantile(levels, (0.16, 0.5))
-            log_sd[c] = max(log_median[c] - low, least_sd)
+            log_sd[c] = max(log_median[c] - low, 0.15)  # of a logarithm, at least
     return Strength(log_median=log_median, log_sd=log_sd)
 
 
@@ -81,7 +79,7 @@ def response(grey: Grey, radius_px: float, *, bright: bool) -> NDArray[np.float3
     return np.asarray(found, dtype=np.float32)
 
 
-def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0), most: int = MOST) -> Array:
+def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0)) -> Array:
     """Find the dots of a picture or of a window of it.
 
     A dot is a local maximum of ``response``; its place is the top of the parabola through the logarithms of the 3 x 3
@@ -91,7 +89,6 @@ def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0), mo
         grey: (h, w) grey levels.
         look: What dots look like.
         corner: Column and row of the window's first pixel in the picture.
-        most: Greatest number.
 
     Returns:
         (K, 3) column and row, counted from 0, and the response; strongest first.
@@ -106,7 +103,7 @@ def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0), mo
     inside = (u > 0) & (v > 0) & (u < grey.shape[1] - 1) & (v < grey.shape[0] - 1)
     u, v = u[inside], v[inside]
     strength = found[v, u]
-    order = np.argsort(-strength)[:most]
+    order = np.argsort(-strength)[:MOST]
     u, v, strength = u[order], v[order], strength[order]
     around = np.log(np.maximum([[found[v + j, u + i] for i in (-1, 0, 1)] for j in (-1, 0, 1)], 1e-3))
     du, dv = _top(around.mean(axis=0)), _top(around.mean(axis=1))

@@ -83,7 +83,7 @@ def cut(xyz_m: Array, *, jump_m: float) -> tuple[Segment, ...]:
     return tuple(out)
 
 
-def label(xyz_m: Array, poses: PoseGaussian, *, jump_m: float | None = None) -> Labelled:
+def label(xyz_m: Array, poses: PoseGaussian) -> Labelled:
     """Name trajectories by the poses of the animal.
 
     In frames that show many points the animal is recognised (``mocap.digitising.register``); the others follow from
@@ -94,13 +94,12 @@ def label(xyz_m: Array, poses: PoseGaussian, *, jump_m: float | None = None) -> 
     Args:
         xyz_m: (T, N, 3) trajectories; NaN where there is nothing; a column may hold several markers in turn.
         poses: Poses of M markers (``fit_poses``).
-        jump_m: Where a trajectory jumps to another marker (``cut``); None: a tenth of the animal's length.
 
     Raises:
         MocapError: the animal is recognised in no frame.
     """
     length = float(np.linalg.norm(np.ptp(poses.mean, axis=0)))
-    segments = cut(xyz_m, jump_m=jump_m or 0.1 * length)
+    segments = cut(xyz_m, jump_m=0.1 * length)
     state = _State(xyz_m, segments, poses)
     if not state.anchor():
         raise MocapError(

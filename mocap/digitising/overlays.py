@@ -3,6 +3,7 @@
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from hashlib import sha256
+from http import HTTPStatus
 from importlib.resources import files
 from typing import Annotated, Any, Literal, Self
 
@@ -147,6 +148,22 @@ def shell(room: str, name: str) -> Route:
     return Route("/", lambda _: Response(html, media_type="text/html", headers=headers))
 
 
+def picture_route(find: Callable[[int, int], Any]) -> Route:
+    """The route to pictures of films.
+
+    Args:
+        find: The picture of a camera in a frame; None: there is none.
+    """
+
+    def work(seen: SeenAt) -> Response:
+        found = find(seen.camera, seen.frame)
+        if found is None:
+            return Response(status_code=HTTPStatus.NOT_FOUND)
+        return Response(png(found), media_type="image/png")
+
+    return task("/picture", SeenAt, work)
+
+
 class _File(Query):
     renderer: Literal["webgl", "webgpu"] = "webgpu"
 
@@ -165,10 +182,10 @@ def scene_routes(recording: Callable[[], bytes]) -> list[Route]:
             headers = {"Content-Security-Policy": _VIEWER_POLICY, "X-Frame-Options": "SAMEORIGIN"}
             return Response(viewer_files("points.rrd")[name], media_type=kind, headers=headers)
 
-        return task(f"/scene/{name}", _File, work, limits={})
+        return task(f"/scene/{name}", _File, work)
 
     return [
-        task("/scene/points.rrd", Nothing, lambda _: Response(recording()), limits={}),
+        task("/scene/points.rrd", Nothing, lambda _: Response(recording())),
         viewer("", "text/html"),
         viewer("re_viewer.js", "text/javascript"),
         viewer("re_viewer_bg.wasm", "application/wasm"),

@@ -2,16 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from http import HTTPStatus
 from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from starlette.applications import Starlette
-from starlette.responses import JSONResponse, Response
-from starlette.routing import Route
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
@@ -22,25 +19,23 @@ from mocap.digitising.overlays import (
     ClickAt,
     ExchangeOf,
     RangeOf,
-    SeenAt,
     ShownAt,
     ellipses,
     epipolar_lines,
     listed,
-    png,
+    picture_route,
     scene_routes,
     shell,
 )
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.skeleton import Skeleton, read_skeleton
-from mocap.web import Nothing, Query, below, page, task
+from mocap.web import Nothing, Query, below, changes, page, reads
 
 SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
 UNSEEN = "saved_not_seen.csv"
 """Where markers are not to be seen, beside it."""
-Q = TypeVar("Q", bound=Query)
 
 
 @dataclass(eq=False)
@@ -196,11 +191,6 @@ class Session:
         q = asked[min(after, len(asked) - 1)]
         return {"camera": q.camera, "frame": q.frame, "marker": q.marker, "uv_px": list(q.uv_px)}
 
-    def picture(self, camera: int, frame: int) -> bytes | None:
-        """A picture as PNG of 8 bits."""
-        found = self.films.picture(camera, frame)
-        return None if found is None else png(found)
-
 
 def open_session(
     films: Sequence[Path],
@@ -273,28 +263,19 @@ def digitise_page(session: Session) -> Starlette:
         "sizes": [movie.size_px for movie in session.films.movies],
     }
 
-    def reads(path: str, query: type[Q], work: Callable[[Q], Any]) -> Route:
-        return task(path, query, lambda given: JSONResponse(work(given)), limits=limits)
-
-    def changes(path: str, query: type[Q], work: Callable[[Q], str]) -> Route:
-        return task(path, query, lambda given: JSONResponse({"said": work(given)}), limits=limits, changes=True)
-
-    def picture(seen: SeenAt) -> Response:
-        png = session.picture(seen.camera, seen.frame)
-        return Response(png, HTTPStatus.NOT_FOUND if png is None else HTTPStatus.OK, media_type="image/png")
-
     return page(
         [
             shell("mocap.digitising", "page.html"),
             reads("/info", Nothing, lambda _: session.info()),
             reads("/frame", ShownAt, lambda at: session.frame(at.frame, at.marker)),
             reads("/question", _After, lambda given: session.question(given.after)),
-            task("/picture", SeenAt, picture, limits=limits),
+            picture_route(session.films.picture),
             *scene_routes(session.scene),
             changes("/click", ClickAt, lambda given: session.click(Click(**dict(given)))),
             changes("/swap", ExchangeOf, lambda at: session.swap(at.marker, at.other, at.first, at.last)),
             changes("/delete", RangeOf, lambda at: session.delete(at.marker, at.first, at.last)),
             changes("/undo", Nothing, lambda _: session.undo()),
             changes("/track", Nothing, lambda _: session.run()),
-        ]
+        ],
+        limits=limits,
     )

@@ -89,16 +89,13 @@ def _rigid_each(a: Array, b: Array, use: NDArray[np.bool_]) -> tuple[Array, Arra
     return rotation, mb - ma @ np.swapaxes(rotation, 1, 2)
 
 
-def fit_poses(
-    xyz_m: Array, trunk: Sequence[int], *, rank: int = 10, most: int = 400, least_sd_m: float = 0.0
-) -> PoseGaussian | None:
+def fit_poses(xyz_m: Array, trunk: Sequence[int], *, rank: int = 10, least_sd_m: float = 0.0) -> PoseGaussian | None:
     """Learn a Gaussian of poses.
 
     Args:
         xyz_m: (T, M, 3) positions, of one recording or of several on end; NaN where not seen.
         trunk: Indices of the trunk's markers; none: all.
         rank: Greatest number of components.
-        most: Greatest number of frames that are used, evenly chosen.
         least_sd_m: The noise is taken to be at least that.
 
     Returns:
@@ -110,7 +107,7 @@ def fit_poses(
     usable = np.flatnonzero((seen[:, body].sum(axis=1) >= LEAST) & (seen.mean(axis=1) > 0.5))
     if len(usable) < 8 or not seen[usable].any(axis=0).all():
         return None
-    usable = usable[np.unique(np.linspace(0, len(usable) - 1, min(most, len(usable))).astype(int))]
+    usable = usable[np.unique(np.linspace(0, len(usable) - 1, min(400, len(usable))).astype(int))]
     points = xyz_m[usable]
     end = max(6, 2 * len(points) // 3)
     first = _fitted(points[:end], body, rank, least_sd_m)

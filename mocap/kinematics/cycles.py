@@ -199,23 +199,21 @@ def wing_beats(found: Kinematics, name: str) -> list[Cycle]:
     return out
 
 
-def footfalls(motion: Motion, skeleton: Skeleton, *, slow: float = 0.05, shortest: int = 3) -> Footfalls | None:
+def footfalls(motion: Motion, skeleton: Skeleton) -> Footfalls | None:
     """When the stated feet stand: slow beside the body, and at the height of the ground.
 
-    A foot is slow below ``slow`` times the body's mean speed, or below 1.5 standard deviations of a component of its
+    A foot is slow below a twentieth of the body's mean speed, or below 1.5 standard deviations of a component of its
     velocity, if that is more. The ground is fitted to the positions of slow feet: a
     plane, or a rod (the distance from the line through them); heights count from each foot's own median. A foot stands
     that is slow and not higher than four median absolute deviations of the slow feet's heights, or half of the
     median height of the others. A foot that swings overtakes the body: while it is never faster than the body's mean
-    it has not left the ground, whatever noise or a filled gap says. Gaps and contacts of fewer than ``shortest`` frames
+    it has not left the ground, whatever noise or a filled gap says. Gaps and contacts of fewer than three frames
     are closed and dropped. On lizard twins 98 % of all frames are right, tracked with their gaps
     (docs/reference/kinematics.md); contacts last 4 % too long, as a foot starts and ends its swing slowly.
 
     Args:
         motion: Points with velocities.
         skeleton: Its feet, its ground.
-        slow: See above.
-        shortest: See above.
 
     Returns:
         None: no feet are stated, or they never stand.
@@ -228,7 +226,7 @@ def footfalls(motion: Motion, skeleton: Skeleton, *, slow: float = 0.05, shortes
     pace = float(np.nanmedian(angles.length(motion.velocity_m_s[:, motion.index("body")])))
     variance = np.einsum("tfii->tfi", motion.own[:, index])[..., 3:]
     noise = float(np.sqrt(np.nanmedian(variance))) if np.isfinite(variance).any() else 0.0
-    still = np.isfinite(speed) & (speed < max(slow * pace, 1.5 * noise))
+    still = np.isfinite(speed) & (speed < max(0.05 * pace, 1.5 * noise))
     if still.sum() < 10:
         return None
     up = np.array(AXES[skeleton.measures.up])
@@ -243,10 +241,10 @@ def footfalls(motion: Motion, skeleton: Skeleton, *, slow: float = 0.05, shortes
         for start, stop in true_runs(~stance[:, foot]):
             between = start > 0 and stop < len(stance)
             overtakes = bool((speed[start:stop, foot] > pace).any())
-            if between and (stop - start < shortest or (not overtakes and np.isfinite(speed[start:stop, foot]).all())):
+            if between and (stop - start < 3 or (not overtakes and np.isfinite(speed[start:stop, foot]).all())):
                 stance[start:stop, foot] = True
         for start, stop in true_runs(stance[:, foot]):
-            if stop - start < shortest:
+            if stop - start < 3:
                 stance[start:stop, foot] = False
     return Footfalls(feet=feet, t_s=motion.t_s, stance=stance, height_m=height)
 

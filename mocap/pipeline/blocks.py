@@ -28,7 +28,7 @@ from mocap.filters.velocities import Asked
 from mocap.findings import Finding
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.job import JOINT_HZ, whole_frames
+from mocap.pipeline.job import whole_frames
 from mocap.pipeline.long import LongRecording, Mask
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.recording import Recording, of_points
@@ -218,7 +218,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Re
     else:
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
     tracked = with_track(prepared, part, name, smoothed, asked)
-    joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(prepared, JOINT_HZ))
+    joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(prepared))
     return replace(tracked, data=with_joints(tracked.data, joints)), own, prepared.findings
 
 

@@ -213,7 +213,7 @@ def _finished(
     tracked = with_track(recording, part, name, smoothed, asked)
     markers, skeleton = tracked.tracks, recording.skeleton
     with stages.stage("joints and potentials"):
-        axes = whole_frames(recording, JOINT_HZ)
+        axes = whole_frames(recording)
         joints = joint_tracks(markers, skeleton, axes)
         seen_m = np.where(np.isfinite(recording.xyz_m[..., :1]), markers.xyz_m, np.nan)
         build = {"trunk": skeleton.trunk, "bones": skeleton.rigid}
@@ -271,10 +271,10 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, recording: Recording
     )
 
 
-def whole_frames(recording: Recording, cutoff_hz: float) -> BodyFrames:
+def whole_frames(recording: Recording) -> BodyFrames:
     """Body frames of every frame of the recording; outside the seen part those of its ends."""
     part = seen_part(recording)
-    inner = trunk_frames(recording, part, cutoff_hz=cutoff_hz)
+    inner = trunk_frames(recording, part, cutoff_hz=JOINT_HZ)
     index = np.clip(np.arange(len(recording.t_s)) - part.frames.start, 0, len(inner.rotation) - 1)
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eal import Choice, choose
+from eal import Choice
 from eal.arrays import Array
 from eal.potential import EmpiricalPotential
 from eal.sums import Landmarks, PotentialSums, choose_landmarks, sums_of, total
 from mocap.errors import MocapError
 from mocap.pipeline.parts import JointPotential
-from mocap.pipeline.potentials import FEWEST, FRAME, NAMES
+from mocap.pipeline.potentials import FEWEST, FRAME, NAMES, settings
 
 SKETCH = 40
 """Samples of a joint and trial from which scale and kernel are chosen, for all trials together."""
@@ -105,21 +105,6 @@ class ManyTrials:
             out.append(LeftOut(trials=tuple(names), samples=int(part.total), value=value, own=own))
         return out
 
-    def with_trial(self, name: str, samples_m: Array) -> "ManyTrials":
-        """With one trial more, (N, d) samples in metres; the others are not looked at again.
-
-        Landmarks stay: a potential of poses that none of the others showed says so by its error bound.
-        """
-        marks = next(iter(self.sums.values())).landmarks
-        return ManyTrials(
-            joint=self.joint,
-            frame=self.frame,
-            scale_m=self.scale_m,
-            sums={**self.sums, name: sums_of(marks, samples_m / self.scale_m)},
-            sketch_m=self.sketch_m,
-            choice=self.choice,
-        )
-
 
 def learn_joints(names: Sequence[str], trial: Callable[[str], Mapping[str, Array]]) -> dict[str, ManyTrials]:
     """Learn the potential of each joint from all samples of many trials.
@@ -148,9 +133,7 @@ def learn_joints(names: Sequence[str], trial: Callable[[str], Mapping[str, Array
     whole = {joint: np.concatenate(parts) for joint, parts in sketches.items()}
     for joint, sketch in whole.items():
         if len(sketch) >= FEWEST:
-            scales[joint] = max(float(np.sqrt(sketch.var(axis=0).sum())), 1e-9)
-            several = len(set(owners[joint])) > 1
-            chosen[joint] = choose(sketch / scales[joint], trials=owners[joint] if several else None)
+            scales[joint], chosen[joint] = settings(sketch, owners[joint])
     if not chosen:
         raise MocapError(f"no joint was measured in {FEWEST} frames of these trials")
     pivots: dict[str, list[Array]] = {joint: [] for joint in chosen}

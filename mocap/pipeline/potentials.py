@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from eal import choose, fit_potential
+from eal import Choice, choose, fit_potential
 from eal.arrays import Array
 from mocap.pipeline.parts import JointPotential
 from mocap.records import JointTracks, MarkerTracks, Status
@@ -62,10 +62,20 @@ def _measured(
         yield joint.name, ok & np.isfinite(tracks.q_m[:, i, 0]), tracks.q_m[:, i]
 
 
-def _potential(joint: str, frame: str, samples_m: Array, trials: Sequence[int]) -> JointPotential:
+def settings(samples_m: Array, trials: Sequence[str | int]) -> tuple[float, Choice]:
+    """Metres a unit of a joint's coordinates, and the kernel and lambda of its potential, however many trials it is of.
+
+    Args:
+        samples_m: (N, d) coordinates.
+        trials: (N,) trial of each; none, or one alone: parts of the recording are left out in turn.
+    """
     scale = max(float(np.sqrt(samples_m.var(axis=0).sum())), 1e-9)
+    return scale, choose(samples_m / scale, trials=trials if len(set(trials)) > 1 else None)
+
+
+def _potential(joint: str, frame: str, samples_m: Array, trials: Sequence[int]) -> JointPotential:
+    scale, chosen = settings(samples_m, trials)
     scaled = samples_m / scale
-    chosen = choose(scaled, trials=trials if len(set(trials)) > 1 else None)
     names, units = NAMES[: scaled.shape[1]], (f"{scale:.6g} m",) * scaled.shape[1]
     potential = fit_potential(scaled, kernel=chosen.kernel, lam=chosen.lam, names=names, units=units)
     return JointPotential(

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from inspect import signature
 from os import PathLike
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from mocap.pipeline.variables import dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.skeleton import Skeleton, is_model, read_skeleton
 from mocap.stated import check_rate, check_stated
-from mocap.text import as_text
+from mocap.text import as_text, with_options
 
 PathText = str | PathLike[str]
 
@@ -131,6 +132,17 @@ def read(
         mm_per_px=mm_per_px,
     )
     return found if log is None else edited(found, read_edits(log), where=log.name)
+
+
+_OTHER = {"image_height_px": "--image-height", "stored_points": "--stored"}
+OPTIONS = {name: _OTHER.get(name, "--" + name.replace("_", "-")) for name in {**signature(read).parameters}}
+del OPTIONS["tracks"], OPTIONS["hints"]
+"""The options of the command line that are the arguments of ``read``."""
+
+
+def in_options(text: str) -> str:
+    """A sentence of a report, which names arguments of ``read``, as files and pages name them: by their options."""
+    return with_options(text, OPTIONS)
 
 
 def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None, hints: Hints) -> FileContents:

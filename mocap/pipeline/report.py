@@ -8,10 +8,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from eal.arrays import Array
+from eal.potential import USUAL_LAMBDA, USUAL_WIDTH
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
-from mocap.filters.models.pose import BETA, LAM, WEIGHT
+from mocap.filters.models.pose import WEIGHT
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
@@ -64,8 +65,8 @@ def make_report(
         "model": {
             "name": tracked.model,
             "why": why_model,
-            "beta": BETA,
-            "lambda": LAM,
+            "beta": USUAL_WIDTH,
+            "lambda": USUAL_LAMBDA,
             "weight": WEIGHT,
         },
         "samples": {"total": total, "seen": float(np.mean(np.isfinite(recording.xyz_m[..., 0]))), **share},

@@ -85,12 +85,12 @@ def why_no_pose(recording: Recording, part: Part) -> str | None:
     return None
 
 
-def trunk_frames(recording: Recording, part: Part, *, cutoff_hz: float, hidden: Mask | None = None) -> BodyFrames:
+def trunk_frames(recording: Recording, part: Part, *, cutoff_hz: float) -> BodyFrames:
     """Body frames of the tracked frames, from the skeleton's trunk, or from all markers if it names none."""
     wanted = [recording.names.index(m) for m in recording.skeleton.trunk] or list(part.markers)
-    xyz = _visible(recording, part, hidden, np.array(wanted))
+    xyz = _visible(recording, part, None, np.array(wanted))
     if not np.isfinite(xyz).any():
-        xyz = _visible(recording, part, hidden, part.markers)
+        xyz = _visible(recording, part, None, part.markers)
     return body_frames(xyz, dt_s=recording.dt_s, cutoff_hz=cutoff_hz)
 
 
@@ -317,15 +317,13 @@ class HiddenSamples:
         return int(self.mask.sum())
 
 
-def hide_samples(
-    recording: Recording, part: Part, rng: np.random.Generator, *, most_frames: int = 300
-) -> HiddenSamples:
-    """Hide samples in gaps like the recording's own, in at most so many frames: to see how these are filled."""
+def hide_samples(recording: Recording, part: Part, rng: np.random.Generator) -> HiddenSamples:
+    """Hide samples in gaps like the recording's own, in at most 300 frames: to see how these are filled."""
     trial = marker_trial(recording, part)
     own = hide_own(trial, rng)
     if not own.gaps:
         own = hide_neighbours(trial, rng)
-    inside = excerpt(own.mask, most_frames)
+    inside = excerpt(own.mask, 300)
     window = slice(part.frames.start + inside.start, part.frames.start + inside.stop)
     seen = np.isfinite(recording.xyz_m[..., 0])
     hidden = np.zeros_like(seen)

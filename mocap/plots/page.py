@@ -11,6 +11,7 @@ import numpy as np
 
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import Kinematics, Rests
+from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
 from mocap.plots.figures import Picture, drawn
@@ -54,7 +55,7 @@ def report_page(
         angles=_angles(run, found),
         animal=next((sources[one.name] for one in shown if one.name == "animal"), None),
         figures=[(one, sources[one.name]) for one in shown if one.name != "animal"],
-        sections=[(title, details.render(text)) for title, text in _sections(run.report_text)],
+        sections=[(title, details.render(in_options(text))) for title, text in _sections(run.report_text)],
     )
 
 
@@ -109,7 +110,7 @@ def _numbers(run: Recording, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
 
 def _linked(finding: str) -> list[tuple[str, str]]:
     """A sentence in parts: frames are links, what stands between backquotes is code, the rest has no kind."""
-    parts = re.split(r"(frames? \d+(?: (?:to|and) \d+)?|`[^`]+`)", finding)
+    parts = re.split(r"(frames? \d+(?: (?:to|and) \d+)?|`[^`]+`)", in_options(finding))
     kinds = ["" if k % 2 == 0 else "code" if part[0] == "`" else "link" for k, part in enumerate(parts)]
     return [(part.strip("`"), kind) for part, kind in zip(parts, kinds, strict=True) if part]
 

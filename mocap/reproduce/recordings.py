@@ -68,7 +68,6 @@ class Tracked:
     Attributes:
         name: ``planar``, ``spherical`` or ``wrist``.
         model: L = T - U - V_z/eps^2.
-        power_w: Power of the force noise.
         seen: The recording that was tracked.
         track: The track.
         bound: V_z that no motion released at the track's first state exceeds, Theorem 3 as corrected; of the wrist,
@@ -78,7 +77,6 @@ class Tracked:
 
     name: str
     model: PenalisedModel
-    power_w: float
     seen: Seen
     track: JointTrack
     bound: float
@@ -162,7 +160,7 @@ def _tracked(
         lowest = 0.0
         released = int(np.argmax(np.where(track.measured > 0, track.energy_j, -np.inf)))
     bound = theorem_3(model, track.q[released], track.v[released], potential_min_j=lowest)
-    return Tracked(name=name, model=model, power_w=power, seen=seen, track=track, bound=bound, lowest_j=lowest)
+    return Tracked(name=name, model=model, seen=seen, track=track, bound=bound, lowest_j=lowest)
 
 
 def _free(name: str, system: LagrangianSystem, seen: Seen) -> JointTrack:

@@ -49,13 +49,11 @@ def series_view(origin: str, name: str, *, y_range: tuple[float, float] | None =
     )
 
 
-def robust_range(values: Array, *, share: float = 0.01, margin: float = 0.1) -> tuple[float, float] | None:
+def robust_range(values: Array) -> tuple[float, float] | None:
     """Ends of an axis that shows all but the outermost values, so that one outlier does not flatten the rest.
 
     Args:
         values: Any shape; NaN does not count.
-        share: Of the values at each end that may lie outside, where they are far out.
-        margin: Of the range, left free at both ends.
 
     Returns:
         Lower and upper end; None where there is no value.
@@ -63,8 +61,8 @@ def robust_range(values: Array, *, share: float = 0.01, margin: float = 0.1) -> 
     there = values[np.isfinite(values)]
     if not len(there):
         return None
-    low, high = np.quantile(there, (share, 1 - share))
-    room = max(margin * float(high - low), 1e-9 * max(1.0, abs(float(high))))
+    low, high = np.quantile(there, (0.01, 0.99))  # the others may lie outside, where they are far out
+    room = max(0.1 * float(high - low), 1e-9 * max(1.0, abs(float(high))))
     least, most = float(there.min()), float(there.max())
     reach = 3 * room  # what is a little outside is shown
     low = least if least > low - reach else float(low)

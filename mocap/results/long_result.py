@@ -5,7 +5,6 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from eal.threads import one_blas_thread
 from mocap.filters.body_axes import body_frames
 from mocap.filters.velocities import Motion, without_rates
 from mocap.findings import over_blocks
-from mocap.io.output import result_folder
 from mocap.io.unstated_unit import length
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
@@ -25,6 +23,7 @@ from mocap.pipeline.blocks import BLOCK, Known, Model, learn_once, tracked_block
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
+from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.track_variables import with_joints, with_motion
 from mocap.pipeline.tracking import tracks_alone
@@ -42,36 +41,6 @@ OVERVIEW, DETAIL = 4000, 1500
 """Frames of the overview that the viewer shows and potentials are learned from, and of the stretch in the figures."""
 
 
-def track_in_blocks(
-    recording: LongRecording,
-    folder: str | PathLike[str],
-    *,
-    model: Model = "auto",
-    learned=None,
-    size: int = BLOCK,
-    seed: int = 0,
-    overwrite: bool = False,
-    progress: Tell = silent,
-) -> dict[str, object]:
-    """Track a recording block by block and write its result into a folder; see ``write_in_blocks``.
-
-    Args:
-        recording: The recording (``mocap.pipeline.long``).
-        folder: Where to; other files in it are left as they are.
-        model: ``auto``, ``mixture`` or ``constant_velocity``.
-        learned: A model of other trials to track with, in place of these; None: none.
-        size: Frames of a block.
-        seed: Where gaps are hidden to learn from.
-        overwrite: Whether an earlier result in it may be replaced.
-        progress: Called with the name of the stage and the share of it that is done.
-
-    Returns:
-        The report.
-    """
-    with result_folder(Path(folder), "track", replace=overwrite) as stage:
-        return write_in_blocks(recording, stage, model=model, learned=learned, size=size, seed=seed, progress=progress)
-
-
 def write_in_blocks(
     recording: LongRecording,
     folder: Path,
@@ -83,12 +52,25 @@ def write_in_blocks(
     footer: str = "",
     progress: Tell = silent,
 ) -> dict[str, object]:
-    """Write the files of ``track_in_blocks`` into an empty folder.
+    """Track a recording block by block and write its result into an empty folder.
 
     ``markers.parquet``, ``kinematics.parquet``, ``cycles.csv``, ``angles.csv`` and ``blocks.csv``
     (``mocap.results.blocks``) are written as blocks are done. The overview, at most ``OVERVIEW`` frames evenly over the
     recording, is what potentials are learned from, ``recording.rrd`` shows, and ``mocap.load`` gives; figures show the
     ``DETAIL`` frames of which most was measured. Memory hardly grows with the number of frames (rows of cycles).
+
+    Args:
+        recording: The recording (``mocap.pipeline.long``).
+        folder: Where to.
+        model: ``auto``, ``mixture`` or ``constant_velocity``.
+        learned: A model of other trials to track with, in place of these; None: none.
+        size: Frames of a block.
+        seed: Where gaps are hidden to learn from.
+        footer: What the readable report ends with.
+        progress: Called with the name of the stage and the share of it that is done.
+
+    Returns:
+        The report.
     """
     from mocap.rerun.record import write_recording
 
@@ -121,7 +103,7 @@ def write_in_blocks(
             report["wrong"] = [one.text for one in told if one.alarm]
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
-            text = _readable(report) + footer
+            text = in_options(_readable(report)) + footer
             overview = replace(overview, report=report, report_text=text)
             write_arrays(overview, folder)
             (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")

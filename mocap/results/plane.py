@@ -9,6 +9,7 @@ import xarray as xr
 from mocap.io.netcdf import as_netcdf
 from mocap.io.tables import origin_words
 from mocap.pipeline.plane import in_units
+from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.results.dataset import markers_dataset
 from mocap.results.tables import column_text, write_columns
@@ -44,4 +45,4 @@ def write_plane(run: Recording, folder: Path) -> None:
     write_columns(folder / "markers.csv", header, columns)
     (folder / "markers.nc").write_bytes(as_netcdf(plane_dataset(run), packed=True))
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
-    (folder / "report.md").write_text(run.report_text, encoding="utf-8")
+    (folder / "report.md").write_text(in_options(run.report_text), encoding="utf-8")

@@ -16,6 +16,7 @@ from mocap.io.tables import origin_words
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
+from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks
 from mocap.results.stored import write_arrays
@@ -39,7 +40,7 @@ def write_run(run: Recording, folder: Path, *, write_recording: Callable[[Record
         table = angles.to_frame(run.t_s)
         table.to_csv(folder / "joint_angles.csv", index=False, float_format="%.6g", lineterminator="\n")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
-    (folder / "report.md").write_text(run.report_text, encoding="utf-8")
+    (folder / "report.md").write_text(in_options(run.report_text), encoding="utf-8")
     if write_recording is not None:
         write_recording(run, folder / "recording.rrd")
 

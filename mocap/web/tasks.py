@@ -32,7 +32,7 @@ class Nothing(Query):
 
 
 def limits_of(info: ValidationInfo) -> Mapping[str, Any]:
-    """What the task was given as ``limits``."""
+    """What the page was given as ``limits``."""
     return info.context or {}
 
 
@@ -48,20 +48,18 @@ def below(name: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def task(
-    path: str, query: type[Q], work: Callable[[Q], Response], *, limits: Mapping[str, Any], changes: bool = False
-) -> Route:
+def task(path: str, query: type[Q], work: Callable[[Q], Response], *, changes: bool = False) -> Route:
     """A route to what a page can do; in a thread, one after the other.
 
     Args:
         path: Below the address of the page.
         query: Schema of the request: of the address's parameters, or of the JSON of what ``changes`` something.
         work: Answers.
-        limits: What ``below`` and other validators look up.
         changes: Taken as POST, otherwise as GET.
     """
 
     async def endpoint(request: Request) -> Response:
+        limits = request.app.state.limits
         if changes:
             given = query.model_validate_json(await request.body(), context=limits)
         else:
@@ -71,12 +69,27 @@ def task(
     return Route(path, endpoint, methods=["POST" if changes else "GET"])
 
 
-def page(routes: Sequence[Route]) -> Starlette:
-    """An application whose errors are one line each."""
+def reads(path: str, query: type[Q], work: Callable[[Q], Any]) -> Route:
+    """A route to something that is looked at, as JSON."""
+    return task(path, query, lambda given: JSONResponse(work(given)))
+
+
+def changes(path: str, query: type[Q], work: Callable[[Q], str]) -> Route:
+    """A route to something that changes, and says in a line what it did."""
+    return task(path, query, lambda given: JSONResponse({"said": work(given)}), changes=True)
+
+
+def page(routes: Sequence[Route], *, limits: Mapping[str, Any] | None = None) -> Starlette:
+    """An application whose errors are one line each.
+
+    Args:
+        routes: Of its tasks.
+        limits: What ``below`` and other validators look up, as it is at each request.
+    """
     kinds = (ValidationError, MocapError, HTTPException, Exception)
     app = Starlette(routes=routes, exception_handlers=dict.fromkeys(kinds, _said))
     app.router.redirect_slashes = False
-    app.state.limiter = CapacityLimiter(1)
+    app.state.limiter, app.state.limits = CapacityLimiter(1), limits
     return app
 
 

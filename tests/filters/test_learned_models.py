@@ -7,15 +7,16 @@ import pytest
 from mocap.filters.body_axes import body_frames
 from mocap.filters.models.constant_velocity import acceleration_density, learn_constant_velocity
 from mocap.filters.models.pose import (
+    CENTRES,
     WEIGHT,
     PoseSettings,
     learn_pose,
     learn_potential,
-    penalty,
     recorded_motion,
     with_potential,
 )
 from mocap.filters.motion.base import Step
+from mocap.filters.motion.potential import Pull
 from mocap.filters.poses import pose_trial, shapes_of
 
 from benchmarks.gaps.ours import Quadratic
@@ -64,29 +65,36 @@ def test_a_still_series_has_a_positive_density():
     assert (acceleration_density(np.zeros((50, 3)), dt_s=DT_S, cutoff_hz=20.0) > 0).all()
 
 
+def test_a_pose_is_held_by_the_potential_that_eal_learns():
+    """V_z of the filter is ``eal.fit_potential`` of the same samples; of many, of ``CENTRES`` evenly spaced ones."""
+    samples = np.random.default_rng(0).normal(size=(2 * CENTRES - 1, 3))
+    q = np.random.default_rng(1).normal(size=(50, 3))
+    for some, all_of in ((samples[:CENTRES], samples[:CENTRES]), (samples[::2], samples)):
+        np.testing.assert_allclose(learn_potential(all_of).value(q), fit_potential(some).value(q), atol=1e-12)
+
+
 def test_the_penalty_is_a_gradient():
-    """Central differences of -log(1 - V_z(z / unit)) / eps^2: their error is step^2 times a third derivative, 1e-6."""
+    """Central differences of -log(1 - V_z) / eps^2: their error is step^2 times a third derivative, 1e-6."""
     rng = np.random.default_rng(3)
     angle = rng.uniform(0, 2 * np.pi, 200)
-    z = np.stack([3e-2 * np.cos(angle), 0.4 * np.sin(angle)], axis=1)
-    scale = 1 / z.std(axis=0)
-    potential = learn_potential(z * scale)
-    force = penalty(potential, scale, 7.0)
-    at, step = 1.2 * z[:10], 1e-6 / scale
+    z = np.sqrt(2) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    potential = learn_potential(z)
+    at, step = 1.2 * z[:10], 1e-6
 
     def value(where):
-        return -7.0 * np.log(1 - potential.value(where * scale))
+        return -7.0 * np.log(1 - potential.value(where))
 
-    slopes = [(value(at + e) - value(at - e)) / (2 * e.sum()) for e in np.diag(step)]
-    expected = np.stack(slopes, axis=-1) / scale
-    np.testing.assert_allclose(force(at) / scale, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+    slopes = [(value(at + e) - value(at - e)) / (2 * step) for e in step * np.eye(2)]
+    expected = np.stack(slopes, axis=-1)
+    force = Pull(potential=potential, stiffness=7.0)
+    np.testing.assert_allclose(force(at), expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
 
 
 def test_the_penalty_pulls_towards_the_data():
     """Outside a ring of samples the force points inwards, inside outwards, on it there is little."""
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    force = penalty(fit_potential(ring, kernel=GaussianKernel(4.0), lam=1e-4), np.ones(2), 1.0)
+    force = Pull(potential=fit_potential(ring, kernel=GaussianKernel(4.0), lam=1e-4), stiffness=1.0)
     radial = [np.sum(force(r * ring[::7]) * ring[::7], axis=1) for r in (0.7, 1.0, 1.4)]
     assert (radial[0] < 0).all()
     assert (radial[2] > 0).all()

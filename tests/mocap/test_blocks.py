@@ -12,15 +12,22 @@ from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, over_blocks
+from mocap.io.output import result_folder
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
 from mocap.pipeline.long import LongRecording, long_recording
 from mocap.pipeline.recording import of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
-from mocap.results.long_result import load_range, track_in_blocks
+from mocap.results.long_result import load_range, write_in_blocks
 from mocap.skeleton import Joint, Skeleton
 
 T = 700
 SHOWN = [*range(9), 13, 14, 17]  # trunk and an arm of the bat
+
+
+def in_blocks(recording, folder, *, size):
+    """The report of a result that is written with constant velocity."""
+    with result_folder(folder, "track", replace=False) as stage:
+        return write_in_blocks(recording, stage, model="constant_velocity", size=size)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +104,7 @@ def test_margins_reach_to_where_each_marker_is_seen():
 def folder(bat, tmp_path_factory):
     """A result in blocks."""
     out = tmp_path_factory.mktemp("long") / "out"
-    track_in_blocks(bat, out, model="constant_velocity", size=250)
+    in_blocks(bat, out, size=250)
     return out
 
 
@@ -143,7 +150,7 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
     from mocap.rerun.stored import read_recording
 
     monkeypatch.setattr("mocap.results.long_result.OVERVIEW", 250)
-    report = track_in_blocks(bat, tmp_path / "out", model="constant_velocity", size=400)
+    report = in_blocks(bat, tmp_path / "out", size=400)
     assert report["overview"] == {"every": 3, "frames": 234}
     stored = read_recording(tmp_path / "out" / "recording.rrd", name="bat")
     np.testing.assert_allclose(np.diff(stored.t_s), 3 * bat.dt_s, atol=1e-8)
@@ -229,8 +236,8 @@ def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
         measures={"forward": ["rump", "neck"], "left": ["keel", "root"], "strokes": {"wing": ["root", "tip"]}},
     )
     recording = long_recording(of_points(marker_tracks(list(points), t_s, xyz), skeleton, name="flight"))
-    track_in_blocks(recording, tmp_path / "blocks", model="constant_velocity", size=200)
-    track_in_blocks(recording, tmp_path / "whole", model="constant_velocity", size=600)
+    in_blocks(recording, tmp_path / "blocks", size=200)
+    in_blocks(recording, tmp_path / "whole", size=600)
     for name in ("cycles.csv", "angles.csv"):
         found, whole = pd.read_csv(tmp_path / "blocks" / name), pd.read_csv(tmp_path / "whole" / name)
         assert list(found.columns) == list(whole.columns)

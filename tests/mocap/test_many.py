@@ -65,19 +65,6 @@ def test_an_animal_that_is_left_out_is_known_less(found):
     assert by_animal[1].value == pytest.approx(by_trial["b3"].value)
 
 
-def test_one_trial_more(found):
-    """Added without the others: the potential of all five, within what it states that its landmarks lack."""
-    more = found["elbow"].with_trial("a9", samples("a9")["elbow"])
-    kernel, lam = more.potential().potential.kernel, more.choice.lam
-    every = np.concatenate([samples(name)["elbow"] for name in (*NAMES, "a9")]) / more.scale_m
-    again = fit_potential(every, kernel=kernel, lam=lam, method="exact")
-    bound = more.potential().potential.error_bound
-    assert bound < 0.2
-    q = np.random.default_rng(5).normal(size=(100, 2)) * more.scale_m
-    np.testing.assert_allclose(more.potential().value(q), again.value(q / more.scale_m), atol=bound)
-    np.testing.assert_allclose(more.potential(without=["a9"]).value(q), found["elbow"].potential().value(q), atol=1e-9)
-
-
 def test_what_cannot_be_left_out(found):
     """All of it, or what is not there."""
     with pytest.raises(MocapError, match="cannot leave out b7"):

@@ -3,7 +3,9 @@
 import inspect
 import re
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -12,7 +14,9 @@ import mocap
 from mocap.cli.main import app, main
 from mocap.cli.options import CameraOptions, RecordingOptions
 from mocap.cli.records import with_records
-from mocap.cli.words import option_names, with_options
+from mocap.cli.words import option_names
+from mocap.pipeline.reading import OPTIONS
+from mocap.text import with_options
 
 ROWS = "a_x,a_y,a_z\n" + "\n".join(f"{i},{i},{i}" for i in range(9)) + "\n"
 
@@ -50,6 +54,28 @@ def test_what_is_no_option_stays_as_it_is():
     """Names of programs and files in backquotes are not touched."""
     text = "run `rerun` or `pip install x`, or give `fps`"
     assert with_options(text, option_names(typer.main.get_command(app))) == text.replace("`fps`", "--fps")
+
+
+def test_arguments_of_read_are_options_of_the_commands():
+    """What files and pages of results call them is what the commands take."""
+    taken = {o for p in typer.main.get_command(app).commands["track"].params for o in p.opts}
+    assert set(OPTIONS.values()) <= taken
+
+
+def test_files_of_a_result_name_options(tmp_path):
+    """report.md and report.html: what to do is said as a command takes it; in Python it stays an argument."""
+    xyz = np.cumsum(np.random.default_rng(0).normal(size=(30, 2, 3)), axis=0) * 1e-3
+    result = mocap.track(mocap.from_arrays(xyz, names=["a", "b"], fps=100), model="constant_velocity", validate=False)
+    said = "cam2 is late: not corrected; `correct_lag` does; `rerun` shows it"
+    report = {**result.report, "wrong": [said], "findings": [said]}
+    result = replace(result, report=report).with_report(f"\n- {said}\n")
+    result.save(tmp_path / "out")
+    assert "`correct_lag`" in result.report_text
+    for page in ("report.md", "report.html"):
+        text = (tmp_path / "out" / page).read_text(encoding="utf-8")
+        assert "--correct-lag" in text
+        assert "correct_lag" not in text
+        assert "rerun" in text
 
 
 def test_every_option_of_a_record_reaches_the_command():

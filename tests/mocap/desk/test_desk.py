@@ -1,6 +1,7 @@
 """The desk as a person uses it: a folder is opened, tracked, corrected and passed on, in a real browser."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,13 +18,16 @@ from selenium.webdriver.common.keys import Keys
 
 import mocap
 from mocap.batches.known import Options
-from mocap.batches.manifest import read_manifest
+from mocap.batches.manifest import read_manifest, write_manifest
+from mocap.batches.trial import Trial
 from mocap.desk.desk import opened_desk
 from mocap.desk.page import desk_page
 from mocap.errors import MocapError
 from mocap.io.manifest import current
+from mocap.io.output import result_file
 from mocap.pipeline.edits import read_edits
 from mocap.records import Status
+from mocap.skeleton import read_skeleton
 from mocap.web import served
 from tests.mocap.desk.filmed_trial import FPS, GAP, SWAPPED, trial
 from tests.mocap.digitising.filmed import NAMES, SIZE
@@ -197,6 +201,7 @@ def test_lines_and_ellipses_are_where_the_marker_is(worked, scene):
             assert np.linalg.norm(fine - scene.uv_px[c, frame, marker], axis=1).min() < 2  # clicks are off by 0.3
 
 
+DRAWN = {"names": list(NAMES), "bones": [], "trunk": [], "joints": {}}
 PLACE = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
 
 
@@ -211,17 +216,34 @@ PLACE = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
         ("state", {"trial": "flight", "name": "fit_lens", "value": "rm"}),
         ("pass", {"trial": "flight", "kind": "../x"}),
         ("track", {"model": "x"}),
+        *(("skeleton", DRAWN | more) for more in ({"bones": [[0, 7, True]]}, {"trunk": [-1]}, {"path": "/etc/x"})),
+        *(("skeleton", DRAWN | more) for more in ({"bones": [[0, 1]]}, {"joints": {"a": [0, 1, 9]}})),
     ],
 )
 def test_what_the_page_does_not_offer_is_refused(worked, path, wrong):
     """Other numbers, names and values than those of the page: status 400, one line, and nothing is kept."""
     desk, browser = worked
     browser.get("open?trial=flight")
+    browser.get("draft?trial=flight")
     before = desk.log("flight").read_bytes() if desk.log("flight").is_file() else b""
     answer = browser.post(path, json=wrong)
     assert answer.status_code == 400
     assert len(answer.json()["said"].splitlines()) == 1
     assert before == (desk.log("flight").read_bytes() if desk.log("flight").is_file() else b"")
+
+
+def test_names_that_corrections_have_are_kept(worked):
+    """A log names markers: a skeleton in which one is called otherwise is refused until the correction is undone."""
+    desk, browser = worked
+    browser.get("open?trial=flight")
+    browser.post("delete", json={"marker": HAND, "first": 3, "last": 5})
+    browser.get("draft?trial=flight")
+    before = desk.trials["flight"].stated["skeleton"]
+    answer = browser.post("skeleton", json=DRAWN | {"names": [*NAMES[:HAND], "wrist", *NAMES[HAND + 1 :]]})
+    assert "corrections of hand" in answer.json()["said"]
+    assert desk.trials["flight"].stated["skeleton"] == before
+    assert not (desk.out / "skeletons" / "flight.toml").exists()
+    browser.post("undo", json={})
 
 
 def test_the_guard_stands_before_the_desk(worked):
@@ -254,6 +276,118 @@ def test_what_is_found_can_be_mended_and_is_kept(worked):
     desk.trials["flight"].stated.pop("correct_lag")
 
 
+def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path):
+    """Files of one camera each in a wrong order: the audit finds it, the button puts them right, the command shows it.
+
+    Rays meet then, and the manifest keeps the order: the button is gone.
+    """
+    for c, name in enumerate("abc"):
+        table = scene.uv_px[c].reshape(len(scene.uv_px[c]), -1)
+        header = ",".join(f"{marker}_cam1_{axis}" for marker in NAMES for axis in "XY")
+        np.savetxt(tmp_path / f"{name}_xypts.csv", table, "%.6f", ",", header=header, comments="")
+    stated = {"calibration": scene.folder / "calibration.toml", "fps": FPS}
+    wrong = Trial(name="flight", paths=tuple(tmp_path / f"{name}_xypts.csv" for name in "bac"), stated=stated)
+    with result_file(tmp_path / "manifest.csv") as path:
+        write_manifest(path, [wrong], folder=tmp_path)
+    with (
+        opened_desk([str(tmp_path / "manifest.csv")], tmp_path / "out", options=OPTIONS) as desk,
+        served(desk_page(desk)) as site,
+        chromium() as driver,
+    ):
+        driver.get(site.address)
+        until(driver, "document.body.dataset.ready === '1'")
+        driver.find_element("class name", "look").click()
+        until(driver, "document.body.dataset.audits === '1'")
+        (button,) = [b for b in driver.find_elements("css selector", "#findings .mend") if b.text == "Swap the cameras"]
+        button.click()
+        until(driver, "document.body.dataset.audits === '2'")
+        left = [one.text for one in driver.find_elements("css selector", "#findings .mend")]
+        assert all(text.startswith("Lengths are in") for text in left)
+        shown = driver.find_element("css selector", "#findings code").text
+        assert shown.index("a_xypts") < shown.index("b_xypts") < shown.index("c_xypts")
+        (kept,) = read_manifest(desk.manifest)
+        assert [path.name for path in kept.paths] == ["a_xypts.csv", "b_xypts.csv", "c_xypts.csv"]
+
+
+def test_what_a_refusal_names_has_a_button(worked, monkeypatch):
+    """Cameras that start apart are refused, as reading has it: the desk offers what the sentence names, in options."""
+    _, browser = worked
+
+    def refused(_):
+        raise MocapError("the cameras start apart, by cam1 +8 frames: give `correct_lag`")
+
+    monkeypatch.setattr("mocap.desk.desk.with_ideal_pixels", refused)
+    (alarm,) = [one for one in browser.get("audit?trial=flight").json() if one["alarm"]]
+    assert alarm["text"].endswith("give --correct-lag")
+    assert [(way["name"], way["value"]) for way in alarm["mend"]] == [("correct_lag", True)]
+
+
+def test_a_person_draws_a_skeleton(scene, tmp_path):
+    """Points are named, bones clicked in 3D, a joint ticked, sides mirrored, all saved: what was drawn is in the file.
+
+    A name that two points have is refused, in the page, and nothing is written; the file is what tracking states.
+    """
+    stated = {"calibration": scene.folder / "calibration.toml", "fps": FPS}
+    out, where = tmp_path / "out", [str(scene.folder / "flight_xypts.csv")]
+    path = out / "skeletons" / "flight.toml"
+    with (
+        opened_desk(where, out, options=OPTIONS, jobs=1, stated=stated) as desk,
+        served(desk_page(desk)) as site,
+        chromium() as driver,
+    ):
+        desk.trials["flight"].stated.pop("skeleton", None)
+        driver.get(site.address)
+        until(driver, "document.body.dataset.ready === '1'")
+        driver.find_element("class name", "bones").click()
+        until(driver, "document.body.dataset.sketched === '1'")
+
+        def keys(*typed):
+            driver.switch_to.active_element.send_keys(*typed)
+
+        def click(marker):
+            x, y = driver.execute_script(f"return spots()[{NAMES.index(marker)}]")
+            canvas = driver.find_element("id", "body")
+            size = canvas.size
+            ActionChains(driver).move_to_element_with_offset(
+                canvas, round(x - size["width"] / 2), round(y - size["height"] / 2)
+            ).click().perform()
+
+        for a, b in (("back", "left"), ("left", "hand")):
+            click(a)
+            click(b)
+        keys("n")
+        click("hand")
+        keys("hand_l", Keys.ENTER)
+        keys("left", Keys.ESCAPE)  # the tail, below it
+        keys("s")
+        until(driver, "document.getElementById('said').textContent.includes(\"'left' appears twice\")")
+        assert not path.exists()
+        keys("n")
+        click("tail")
+        keys("hand_r", Keys.ESCAPE)
+        (joint,) = driver.find_elements("css selector", "#joints input")
+        joint.click()
+        driver.find_element("id", "mirror").click()
+        until(driver, "document.body.dataset.drawn === '1'")
+        driver.find_element("id", "save").click()
+        until(driver, "document.body.dataset.drawn === '2'")
+        assert f"--skeleton {path}" in desk.overview()["trials"][0]["command"]
+        assert path.is_file()
+        (kept,) = read_manifest(desk.manifest)
+        assert kept.stated["skeleton"].resolve() == path
+    found = read_skeleton(path)
+    assert found.markers == ("nose", "back", "hip", "left", "right", "hand_l", "hand_r")
+    assert found.aliases == {"hand": "hand_l", "tail": "hand_r"}
+    assert [(b.a, b.b) for b in found.bones] == [
+        ("back", "left"), ("left", "hand_l"), ("back", "right"), ("right", "hand_r"),
+    ]  # fmt: skip
+    assert [(j.name, j.parent, j.centre, j.child) for j in found.joints] == [
+        ("left", "back", "left", "hand_l"),
+        ("right", "back", "right", "hand_r"),
+    ]
+    assert mocap.read(where[0], skeleton=path, **stated).names == found.markers
+
+
 def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
     """The process that serves is killed in the middle of corrections: all that were acknowledged are in the log."""
     desk, _ = worked
@@ -271,8 +405,6 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
                 print(site.address, flush=True)
                 site.wait()
     """
-    import shutil
-
     shutil.copytree(desk.out / "flight", tmp_path / "out" / "flight")
     with subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None

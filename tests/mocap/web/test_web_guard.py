@@ -39,8 +39,8 @@ def app():
 
     made = page(
         [
-            task("/read", Number, work, limits={}),
-            task("/change", Number, work, limits={}, changes=True),
+            task("/read", Number, work),
+            task("/change", Number, work, changes=True),
             Route("/fault", fault),
             Route(
                 "/framed", lambda _: PlainTextResponse("", headers={"Content-Security-Policy": "default-src 'self'"})

@@ -35,7 +35,7 @@ def small():
         [
             Route("/", lambda _: PlainTextResponse("whole")),
             Route("/large", lambda _: PlainTextResponse("x" * LARGE)),
-            task("/post", Nothing, lambda _: PlainTextResponse("taken"), limits={}, changes=True),
+            task("/post", Nothing, lambda _: PlainTextResponse("taken"), changes=True),
         ]
     )
 
@@ -200,7 +200,7 @@ def test_work_that_goes_on_does_not_hold_up_the_end():
         forever.wait()
         return PlainTextResponse("")
 
-    with served(page([task("/", Nothing, work, limits={})])) as site, connected(site.address) as one:
+    with served(page([task("/", Nothing, work)])) as site, connected(site.address) as one:
         url = urlsplit(site.address)
         one.sendall(f"GET {url.path} HTTP/1.1\r\nHost: {url.netloc}\r\n\r\n".encode())
         assert begun.wait(60)

@@ -1,0 +1,179 @@
+"""The skeleton of a trial as it is drawn: points named, bones and joints chosen, in the file that tracking reads."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eal.arrays import Array
+from mocap.batches.trial import Trial
+from mocap.cameras.camera import stacked
+from mocap.cameras.triangulate import linear
+from mocap.digitising.overlays import listed
+from mocap.documents import from_toml
+from mocap.errors import MocapError
+from mocap.io.output import result_file
+from mocap.pipeline.one_camera import of_one_camera
+from mocap.pipeline.propose_skeleton import propose_skeleton
+from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.skeleton import Bone, Joint, Skeleton, mirrored, read_skeleton, skeleton_text, write_skeleton
+from mocap.text import number_of
+
+_NO_MARKER = ("up", "ground", "sequence", "functional")
+"""Entries of ``[measures]`` whose texts are no markers."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Draft:
+    """A skeleton that is being drawn; its points are those of the files, by their number.
+
+    Attributes:
+        trial: Name of the trial that shows them.
+        recording: Its files, without a skeleton.
+        skeleton: As it is now.
+        path: Where it is written.
+    """
+
+    trial: str
+    recording: Recording
+    skeleton: Skeleton
+    path: Path
+
+    @property
+    def called(self) -> list[str]:
+        """What the points of the files are called; empty: left out."""
+        known = self.skeleton.renamed(self.recording.names)
+        return [name if name in self.skeleton.markers else "" for name in known]
+
+    @cached_property
+    def xyz(self) -> Array:
+        """(T, M, 3) where they are: in metres, or in pixels of the first camera where no two see them."""
+        recording = self.recording
+        if recording.pixels is None:
+            return recording.xyz_m
+        if recording.cameras and not of_one_camera(recording):
+            return linear(stacked(recording.cameras), with_ideal_pixels(recording).ideal_px)
+        u, v = np.moveaxis(recording.pixels.uv_px[0], -1, 0)
+        return np.stack([u, np.zeros_like(u), -v], axis=-1)
+
+    def info(self) -> dict[str, Any]:
+        """All of it, points by number."""
+        called = self.called
+        number = {name: i for i, name in enumerate(called) if name}
+
+        def of(*names: str) -> list[int] | None:
+            return [number[name] for name in names] if set(names) <= set(number) else None
+
+        ends = ((joint.name, of(joint.parent, joint.centre, joint.child)) for joint in self.skeleton.joints)
+        seen = np.isfinite(self.xyz[..., 0])
+        return {
+            "trial": self.trial,
+            "points": list(self.recording.names),
+            "names": called,
+            "bones": [[*pair, bone.rigid] for bone in self.skeleton.bones if (pair := of(bone.a, bone.b))],
+            "trunk": [number[name] for name in self.skeleton.trunk if name in number],
+            "joints": {name: three for name, three in ends if three},
+            "bodies": {name: list(members) for name, members in self.skeleton.bodies.items()},
+            "frame": int(seen.sum(axis=1).argmax()),
+            "n_frames": len(seen),
+            "path": str(self.path),
+        }
+
+    def places(self, frame: int) -> list[list[float] | None]:
+        """Where the points are in a frame, as a share of how far they lie apart, about their middle."""
+        now = self.xyz[frame]
+        middle = np.nanmedian(now, axis=0) if np.isfinite(now).any() else np.zeros(3)
+        size = np.nanmax(np.abs(now - middle), initial=1e-12)
+        return [listed((at - middle) / size) for at in now]
+
+    def propose(self, **drawn: Any) -> str:
+        """Propose bones, trunk and joints in place of those that were drawn; names stay."""
+        known = self.changed(**drawn).renamed(self.recording.names)
+        self.skeleton = propose_skeleton(self.recording, names=known).skeleton
+        return f"proposed: {self._counts}: check and correct them"
+
+    def mirror(self, **drawn: Any) -> str:
+        """Give both sides what one of them has."""
+        self.skeleton = mirrored(self.changed(**drawn))
+        return f"on both sides: {self._counts}"
+
+    @property
+    def _counts(self) -> str:
+        return ", ".join(number_of(len(getattr(self.skeleton, f"{part}s")), part) for part in ("bone", "joint"))
+
+    def save(self, skeleton: Skeleton) -> None:
+        """Write what was drawn, as ``changed`` makes it."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with result_file(self.path, replace=True) as file:
+            write_skeleton(file, skeleton)
+        self.skeleton = skeleton
+
+    def changed(
+        self,
+        names: Sequence[str],
+        bones: Sequence[tuple[int, int, bool]],
+        trunk: Sequence[int],
+        joints: Mapping[str, tuple[int, int, int]],
+    ) -> Skeleton:
+        """The skeleton with what was drawn in place of its own; measures and bodies follow the names.
+
+        Args:
+            names: What each point of the files is called; empty: it is left out.
+            bones: Two points each, and whether their distance is one length.
+            trunk: Points that move as one body.
+            joints: Parent, centre and child by name.
+
+        Raises:
+            MocapError: it is no skeleton.
+        """
+        files, old = self.recording.names, self.called
+        if len(names) != len(files):
+            raise MocapError(f"{len(names)} names came for {len(files)} points: open the skeleton again")
+        names = [name.strip() for name in names]
+        new = {before: now for before, now in zip(old, names, strict=True) if before}
+        table = from_toml(skeleton_text(self.skeleton), self.skeleton.name)
+        measures = _renamed(table.get("measures", {}), new)
+        there = {*joints, *(joint.name for joint in self.skeleton.body_joints)}
+        measures["axes"] = {name: axes for name, axes in measures.get("axes", {}).items() if name in there}
+        return replace(
+            self.skeleton,
+            markers=tuple(name for name in names if name),
+            bones=tuple(Bone(a=names[a], b=names[b], rigid=rigid) for a, b, rigid in bones),
+            trunk=tuple(names[m] for m in trunk),
+            joints=tuple(
+                Joint(name=k, parent=names[a], centre=names[b], child=names[c]) for k, (a, b, c) in joints.items()
+            ),
+            bodies=_renamed(table.get("bodies", {}), new),
+            aliases={of: name for of, name in zip(files, names, strict=True) if name and name != of},
+            measures=measures,
+        )
+
+
+def _renamed(entry: Any, names: Mapping[str, str], key: str = "") -> Any:
+    """A part of a skeleton file with its markers called otherwise."""
+    if isinstance(entry, Mapping):  # its keys are markers where they have places
+        place = {name: isinstance(at, list) and not isinstance(at[0], str | list) for name, at in entry.items() if at}
+        return {names.get(k, k) if place.get(k) else k: _renamed(value, names, k) for k, value in entry.items()}
+    if isinstance(entry, list):
+        return [_renamed(one, names, key) for one in entry]
+    return names.get(entry, entry) if isinstance(entry, str) and key not in _NO_MARKER else entry
+
+
+def open_draft(trial: Trial, path: Path) -> Draft:
+    """The skeleton of a trial, to be drawn: that which is stated of it, else its markers alone.
+
+    Args:
+        trial: Which.
+        path: Where it will be written.
+
+    Raises:
+        MocapError: its files, or its skeleton, cannot be read.
+    """
+    stated = {key: value for key, value in trial.stated.items() if key not in ("skeleton", "edits")}
+    recording = replace(trial, stated=stated).recording()
+    known = trial.stated.get("skeleton")
+    skeleton = replace(recording.skeleton, name=trial.name) if known is None else read_skeleton(Path(known))
+    return Draft(trial=trial.name, recording=recording, skeleton=skeleton, path=path)

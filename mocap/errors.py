@@ -1,6 +1,8 @@
 """One class for each kind of trouble that a caller can act on; the message says what to do."""
 
 import os
+from difflib import get_close_matches
+from pathlib import Path
 
 from eal.errors import MocapError
 
@@ -50,6 +52,18 @@ def shown_elsewhere(error: OSError) -> str:
     if not isinstance(error, PermissionError) or place is None or not os.path.isfile(place):
         return ""
     return f"close {os.path.basename(os.fsdecode(place))} in the program that has it open, such as Excel; "
+
+
+def beside(path: Path) -> str:
+    """What is there in place of a file that is not: names like its, to end a sentence with; empty where none is."""
+    if not path.parent.is_dir():
+        return f" (there is no folder {path.parent})"
+    try:
+        stems = {entry.stem: entry.name for entry in path.parent.iterdir()}
+    except OSError:
+        return ""
+    like = [stems[stem] for stem in get_close_matches(path.stem, stems)]
+    return f" (its folder has {', '.join(like)})" if like else ""
 
 
 class NoRateError(MocapError):

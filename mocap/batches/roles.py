@@ -36,6 +36,7 @@ TRACKS = (
     "trc",
     "qualisys-tsv",
     "qualisys-mat",
+    "mocaptoolbox",
     "vicon-csv",
     "optitrack-csv",
     "parquet",

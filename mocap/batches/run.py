@@ -33,9 +33,8 @@ from mocap.batches.summary import (
 )
 from mocap.batches.trial import Trial, some
 from mocap.errors import FormatError, MocapError, OutputError
-from mocap.pipeline.job import MODELS
+from mocap.pipeline.job import MODELS, existing_model
 from mocap.results.tracked import Tracked, load
-from mocap.text import as_text
 
 PathText = str | PathLike[str]
 LEARN = "learn"
@@ -417,12 +416,7 @@ def checked_model(model: str | PathLike[str]) -> str | Path:
     """
     if model in MODELS:
         return str(model)
-    path = Path(model)
-    if not path.is_file():
-        raise MocapError(
-            f"`model` {as_text(str(model))}: give {', '.join(MODELS)}, {LEARN}, or a file that mocap learn wrote"
-        )
-    return path.absolute()
+    return existing_model(model, (*MODELS, LEARN)).absolute()
 
 
 def _refuse_inputs(out: Path, trials: Sequence[Trial]) -> None:

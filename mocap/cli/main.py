@@ -2,6 +2,7 @@
 
 import errno
 import os
+import signal
 import sys
 import traceback
 from importlib import metadata
@@ -35,8 +36,8 @@ from mocap.cli.view import view
 from mocap.errors import MocapError, shown_elsewhere
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
-TROUBLE, FAULT, STOPPED = 1, 70, 130
-"""Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), and Ctrl-C."""
+TROUBLE, FAULT, STOPPED, TERMINATED = 1, 70, 130, 143
+"""Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), Ctrl-C, and SIGTERM."""
 INSTALLING = "installing"
 """The page (of ``mocap help``) for what is not installed, or not as it should be."""
 PAGES = {
@@ -66,6 +67,14 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 class _Stopped(Exception):
     """Ctrl-C, which typer would turn into an exit without a word."""
+
+
+class Terminated(KeyboardInterrupt):
+    """The request to end that a scheduler or ``kill`` sends: it ends a command as Ctrl-C does."""
+
+
+def _terminate(_number: int, _frame: object) -> None:
+    raise Terminated
 
 
 class _Commands(TyperGroup):
@@ -150,6 +159,7 @@ def main() -> None:
         sys.argv.remove(DEBUG)
         debug = True
     in_words_of(lambda: typer.main.get_command(app))
+    signal.signal(signal.SIGTERM, _terminate)
     try:
         app(standalone_mode=True)
     except SystemExit:
@@ -180,7 +190,7 @@ def explain(error: BaseException) -> int:
     kept = getattr(cause, "kept", None)
     if isinstance(error, (_Stopped, KeyboardInterrupt)):
         say(f"stopped: {kept or 'nothing was written'}")
-        return STOPPED
+        return TERMINATED if isinstance(cause, Terminated) else STOPPED
     ending = f"; {kept}" if kept else ""
     if _disk_is_full(error) and not (isinstance(error, MocapError) and _names_it(error)):
         place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""

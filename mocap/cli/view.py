@@ -1,6 +1,5 @@
 """``mocap view``."""
 
-import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +33,6 @@ def view(
         else:
             shown = detail(runs, frames, Path(folder) / "recording.rrd")
         viewer = open_viewer(shown, web=web)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a terminated command ends its viewer too
         try:
             if viewer.url:
                 errors.print(f"{viewer.url}\nCtrl-C to stop.", highlight=False, soft_wrap=True)

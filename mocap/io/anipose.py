@@ -54,11 +54,20 @@ def camera_sections(path: Path) -> list[tuple[str, Any]]:
     array = table.get("cameras")
     if not numbered and isinstance(array, dict):
         numbered = {key: (f"cam_{key}", part) for key, part in array.items() if re.fullmatch(r"\d{1,9}", key)}
-    found = [numbered[key] for key in sorted(numbered, key=int)]
+    found = [numbered[key] for key in sorted(numbered, key=int) if not _is_left_out(numbered[key][1])]
     found = found or [(key, part) for key, part in table.items() if _names_a_camera(part)]
     if not found:
         raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
     return found
+
+
+def _is_left_out(section: Any) -> bool:
+    """Whether Caliscope was told to ignore a camera, of which it then knows no place."""
+    return (
+        isinstance(section, dict)
+        and section.get("ignore") is True
+        and not section.keys() >= {"rotation", "translation"}
+    )
 
 
 def _names_a_camera(section: Any) -> bool:
@@ -70,6 +79,10 @@ def _camera(path: Path, key: str, section: Any) -> Camera:
 
     if not isinstance(section, dict):
         raise FormatError(f"{path.name}: {key} is not a section: expected [{key}] with name, size, matrix, ...")
+    if not section.keys() & {"rotation", "translation"}:
+        raise FormatError(
+            f"{path.name}: {key} states a lens, but not where the camera is: calibrate all cameras together"
+        )
     matrix, size = _array(path, key, section, "matrix", (3, 3)), _array(path, key, section, "size", (2,))
     rotation = _array(path, key, section, "rotation", None)
     if rotation.shape == (3,):

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _KEY = "df_with_missing"
-_KEYS = (_KEY, "keypoints")
-"""Of DeepLabCut's tables in HDF5, and of labels that napari-deeplabcut saves."""
+"""Of DeepLabCut's tables in HDF5; labels of napari-deeplabcut, tracklets and others have theirs."""
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
 Index = Array | list[str]
 """Of the rows: their frame numbers, or the images that they label."""
@@ -127,10 +126,17 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
 
     try:
         with h5py.File(path, "r") as file:
-            group: Any = file[next(key for key in _KEYS if key in file)]
-            if "table" in group:
-                return _table_layout(path, group)
-            return _fixed_layout(path, group)
+            tables = [str(key) for key in file if "pandas_type" in file[key].attrs]
+            if _KEY not in file and len(tables) != 1:
+                raise FormatError(
+                    f"{path.name}: has the tables {', '.join(tables)}; expected one, or {_KEY}: save one alone"
+                )
+            group: Any = file[_KEY if _KEY in file else tables[0]]
+            columns, stored, values, index = (_table_layout if "table" in group else _fixed_layout)(path, group)
+            at = {key: i for i, key in enumerate(stored)}
+            return _levels(path, columns), values[:, [at[key] for key in columns]], index
+    except FormatError:
+        raise
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError) as error:
         raise FormatError(
             f"{path.name}: not a readable table of DeepLabCut ({type(error).__name__}: {one_line(error)}): "
@@ -138,40 +144,47 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
         ) from None
 
 
-def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Index]:
-    levels, order = int(group.attrs["axis0_nlevels"]), []
-    for level in range(levels):
-        words = [_word(w) for w in group[f"axis0_level{level}"][()]]
-        order.append([words[int(i)] for i in group[f"axis0_label{level}"][()]])
-    columns = list(zip(*order, strict=True))
-    if int(group.attrs["nblocks"]) != 1:
-        raise FormatError(f"{path.name}: columns are of {group.attrs['nblocks']} kinds; expected numbers only")
-    values = np.asarray(group["block0_values"][()], dtype=np.float64)
-    items = [[_word(w) for w in group[f"block0_items_level{level}"][()]] for level in range(levels)]
-    stored = list(
-        zip(*([items[i][int(j)] for j in group[f"block0_items_label{i}"][()]] for i in range(levels)), strict=True)
-    )
-    at = {key: i for i, key in enumerate(stored)}
-    values = values[:, [at[key] for key in columns]]
+def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], Array, Index]:
+    """Columns in their order, columns as they are stored, a block for each kind of number, their values, the index."""
+    depth, blocks = int(group.attrs["axis0_nlevels"]), range(int(group.attrs["nblocks"]))
+    columns = _multi(group, "axis0", depth)
+    stored = [key for i in blocks for key in _multi(group, f"block{i}_items", depth)]
+    values = _side_by_side(path, [group[f"block{i}_values"][()] for i in blocks])
     if "axis1" in group:
-        return _levels(path, columns), values, _index(path, group["axis1"][()])
-    depth = int(group.attrs["axis1_nlevels"])
-    words = [[_word(w) for w in group[f"axis1_level{i}"][()]] for i in range(depth)]
-    parts = [[words[i][int(j)] for j in group[f"axis1_label{i}"][()]] for i in range(depth)]
-    return _levels(path, columns), values, ["/".join(row) for row in zip(*parts, strict=True)]
+        return columns, stored, values, _index(path, group["axis1"][()])
+    return columns, stored, values, ["/".join(row) for row in _multi(group, "axis1", int(group.attrs["axis1_nlevels"]))]
 
 
-def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Index]:
+def _multi(group: Any, name: str, depth: int) -> list[tuple[str, ...]]:
+    """The words of an index of so many levels, which stores each of them once."""
+    words = [[_word(w) for w in group[f"{name}_level{i}"][()]] for i in range(depth)]
+    parts = [[words[i][int(j)] for j in group[f"{name}_label{i}"][()]] for i in range(depth)]
+    return list(zip(*parts, strict=True))
+
+
+def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], Array, Index]:
+    """The same of a table of rows."""
     table = group["table"]
     blocks = [name for name in table.dtype.names if name.startswith("values_block_")]
-    if len(blocks) != 1:
-        raise FormatError(f"{path.name}: columns are of {len(blocks)} kinds; expected numbers only")
-    columns = _names_only(path, bytes(table.attrs[f"{blocks[0]}_kind"]))
+    stored = [key for name in blocks for key in _names_only(path, bytes(table.attrs[f"{name}_kind"]))]
     rows = table[()]
-    values = np.asarray(rows[blocks[0]], dtype=np.float64).reshape(len(rows), -1)
-    if len(columns) != values.shape[1]:
-        raise FormatError(f"{path.name}: {len(columns)} column names for {values.shape[1]} columns: export it again")
-    return _levels(path, columns), values, _index(path, rows["index"])
+    values = _side_by_side(path, [rows[name].reshape(len(rows), -1) for name in blocks])
+    if len(stored) != values.shape[1]:
+        raise FormatError(f"{path.name}: {len(stored)} column names for {values.shape[1]} columns: export it again")
+    columns = stored if len(blocks) == 1 else _names_only(path, bytes(group.attrs["non_index_axes"]))
+    return columns, stored, values, _index(path, rows["index"])
+
+
+def _side_by_side(path: Path, blocks: list[Any]) -> Array:
+    """Blocks of columns, each of one kind of number, as one table.
+
+    Raises:
+        FormatError: one is not of numbers.
+    """
+    other = next((block.dtype for block in blocks if block.dtype.kind not in "fiu"), None)
+    if other is not None:
+        raise FormatError(f"{path.name}: columns are of the kind {other}; expected numbers only")
+    return np.concatenate([np.asarray(block, dtype=np.float64) for block in blocks], axis=1)
 
 
 class _NamesOnly(pickle.Unpickler):
@@ -185,6 +198,7 @@ def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
     """The column names that pandas keeps, pickled, in an attribute."""
     try:
         names = _NamesOnly(io.BytesIO(data)).load()
+        names = names[0][1] if len(names) == 1 and isinstance(names[0][1], list) else names  # of an axis
         return [tuple(str(word) for word in name) for name in names]
     except Exception as error:  # damaged pickles raise whatever they like
         raise FormatError(
@@ -270,7 +284,7 @@ FORMATS = (
     Format(
         name="deeplabcut-h5",
         title="pixel tracks or 3D points of DeepLabCut (HDF5)",
-        knows=lambda head: _KEY in head.hdf5 or head.hdf5 == {"keypoints"},  # which old files of movement have, too
+        knows=lambda head: _KEY in head.hdf5 or any(name.endswith("/pandas_type") for name in head.hdf5),
         read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
         write=_write_hdf5,
         holds=_WRITTEN,

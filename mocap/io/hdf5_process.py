@@ -26,6 +26,8 @@ def announced(item: Any) -> int:
 def names(path: str, most: int) -> bytes:
     """Names at the root, after a walk that reads attributes and values; what cannot be read is the reader's to refuse.
 
+    Tables of pandas are named a second time, with its mark: ``NAME/pandas_type``.
+
     Raises:
         MemoryError: datasets announce more than ``most`` bytes.
     """
@@ -47,6 +49,9 @@ def names(path: str, most: int) -> bytes:
         root = [str(name) for name in file]
         with suppress(*_TROUBLE):
             file.visititems(look)
+        for name in tuple(root):
+            with suppress(*_TROUBLE):
+                root += [f"{name}/pandas_type"] if "pandas_type" in file[name].attrs else []
     return json.dumps(root).encode()
 
 

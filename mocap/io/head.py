@@ -2,12 +2,13 @@
 
 import csv
 import json
+import re
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 from mocap.documents import check_regular, open_regular
-from mocap.errors import FormatError, shown_elsewhere
+from mocap.errors import FormatError, beside, shown_elsewhere
 from mocap.io.apart import read_apart
 from mocap.io.lines import one_kind
 from mocap.io.matlab import SECONDS, variables
@@ -48,8 +49,10 @@ class Head:
         return self.lines[0] if self.lines else ""
 
     def cells(self, line: int = 0) -> tuple[str, ...]:
-        """The cells of a line of a CSV file; none where tabs separate them."""
+        """The cells of a line of a CSV file; none where tabs, blanks or bars separate them."""
         if line >= len(self.lines):
+            return ()
+        if "," not in self.lines[line] and any(len(re.split(r"[\s|]+", row.strip())) > 1 for row in self.lines[1:2]):
             return ()
         try:
             row = next(csv.reader([self.lines[line]], skipinitialspace=True), [])
@@ -101,6 +104,7 @@ def head(path: Path) -> Head:
             start = stream.read(LENGTH)
     except OSError as error:
         told = f": {shown_elsewhere(error)}check that you may read it" if isinstance(error, PermissionError) else ""
+        told = beside(path) if isinstance(error, FileNotFoundError) else told
         raise FormatError(f"{path}: cannot be read: {error.strerror}{told}") from None
     if not start.strip():
         raise FormatError(f"{path.name}: the file is empty: export it again")

@@ -22,8 +22,16 @@ FRAMES = (
 )
 """Titles of a column of frame numbers, for ``re.IGNORECASE``."""
 _PRINTF = ("-NaN", "-nan", "-nan(ind)", "nan(ind)", "1.#QNAN", "-1.#QNAN", "-1.#IND")
+_WORDS = ("na", "nan", "n/a", "n.a.", "#n/a", "<na>", "null", "(null)", "none", "missing", "undefined")
+_SIGNS = ("", "-", "--", "---", ".", "..", "...", "*", "#NV", "#VALUE!", "#DIV/0!", "#NUM!", "#REF!")
+"""Of people and spreadsheets: what they leave where there is no number, and what Excel shows where none comes out."""
 MISSING_WORDS = frozenset(
-    ("", "NA", "NaN", "nan", "NAN", "N/A", "n/a", "#N/A", "NULL", "Null", "null", "None", "none", *_PRINTF)
+    (
+        *_PRINTF,
+        *_SIGNS,
+        *(spelt for word in _WORDS for spelt in (word, word.upper(), word.title(), word.capitalize())),
+        "NaN",
+    )
 )
 """Cells of tables, of any program, that say that a number is missing."""
 _NO_NUMBER = re.compile(r"[^0-9eE+.\-]")

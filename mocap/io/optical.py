@@ -14,6 +14,8 @@ from mocap.io.lines import number
 UNIT_M = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 """Metres in a unit."""
 _IN_WORDS = re.compile(r"(milli|centi|deci|micro|)met(?:er|re)s?")
+_TIME_WORDS = re.compile(r"(milli|micro|nano|[munµμ])?(?:s|secs?|seconds?)")
+_TIME_S = {None: 1.0, "milli": 1e-3, "m": 1e-3, "nano": 1e-9, "n": 1e-9} | dict.fromkeys(("micro", *"uµμ"), 1e-6)
 _PREFIXES = {"milli": "mm", "centi": "cm", "deci": "dm", "micro": "um", "": "m"}
 
 
@@ -23,6 +25,12 @@ def unit_of(said: str) -> str | None:
     words = _IN_WORDS.fullmatch(said)
     short = _PREFIXES[words[1]] if words else said
     return short if short in UNIT_M else None
+
+
+def time_unit_s(said: str) -> float | None:
+    """Seconds in a unit of time that a text names, in short or in full; None: it names none."""
+    words = _TIME_WORDS.fullmatch(said.strip().lower())
+    return _TIME_S[words[1]] if words else None
 
 
 def metres(path: Path, unit: str) -> float:
@@ -50,6 +58,10 @@ def rate(path: Path, value: object) -> float:
     if not (np.isfinite(hertz) and hertz > 0):
         raise FormatError(f"{path.name}: the frame rate is {value}; expected frames a second, above 0")
     return hertz
+
+
+SLOW, SLOW_HZ = "ARE TIMES SECONDS?", 1.0
+"""How a finding begins on times that a second or more lies between, as seconds: few animals are filmed so slowly."""
 
 
 def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -97,4 +109,9 @@ def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
     uneven = np.ptp(steps) > 0.5 * np.median(steps)
     fps = 1 / np.median(steps) if uneven else _stated(t_s)
     told = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
+    if fps <= SLOW_HZ:
+        counts = "if they count frames, their rate is not known"
+        unit, size = ("milliseconds", 1e3) if fps > SLOW_HZ / 1e3 else ("microseconds", 1e6)
+        other = counts if (steps == 1).all() else f"if they are {unit}, {fps * size:.6g}"
+        told.append(f"{SLOW} as such they give {fps:.4g} frames a second; {other}: state the frame rate")
     return float(f"{fps:.9g}"), told

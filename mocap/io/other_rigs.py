@@ -19,6 +19,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
+from mocap.encoding import decoded
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 from mocap.io.dltdv_files import calibration_recording
@@ -51,10 +52,11 @@ def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str)
 
 def _root(path: Path) -> ElementTree.Element:
     data = path.read_bytes()
-    if len(data) > _MOST_BYTES or b"<!ENTITY" in data or b"<!DOCTYPE" in data:
+    text = decoded(path, data[:_MOST_BYTES])[0]
+    if len(data) > _MOST_BYTES or re.search(r"<!ENTITY|<!DOCTYPE[^>]*\[", text):
         raise FormatError(f"{path.name}: not the XML of a calibration: it is too long, or defines entities")
     try:
-        return ElementTree.fromstring(data.lstrip(b"\xef\xbb\xbf").strip())
+        return ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text).strip())  # it is decoded already
     except ElementTree.ParseError as error:
         raise FormatError(f"{path.name}: not readable as XML: {error}: export the calibration again") from None
 
@@ -287,7 +289,7 @@ def _opencap(path: Path, _hints: Hints) -> FileContents:
 
 def _optitrack(path: Path, _hints: Hints) -> FileContents:
     raise FormatError(
-        f"{path.name}: OptiTrack's .cal is binary and not published: calibrate the films with mocap calibrate, or "
+        f"{path.name}: calibrations of OptiTrack (.cal, .mcal) are not read: calibrate the films (mocap calibrate), or "
         "write the values that Motive shows (focal length, principal point, position, orientation) as calibration.toml"
     )
 
@@ -325,8 +327,8 @@ FORMATS = (
     ),
     Format(
         name="optitrack-calibration",
-        title="calibration of OptiTrack (.cal)",
-        knows=lambda head: not head.lines and head.name.endswith(".cal"),
+        title="calibration of OptiTrack (.cal, .mcal)",
+        knows=lambda head: head.name.endswith(".mcal") or (not head.lines and head.name.endswith(".cal")),
         read=_optitrack,
     ),
 )

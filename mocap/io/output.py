@@ -21,6 +21,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from mocap.errors import OutputError, shown_elsewhere
 from mocap.io.lock import LOCK, locked
@@ -425,17 +426,21 @@ def _answering(place: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _undisturbed(folder: Path) -> Iterator[None]:
-    """Let Ctrl-C wait until the files are at their places; that takes milliseconds."""
+    """Let Ctrl-C, and SIGTERM where it does not kill, wait until the files are there; that takes milliseconds."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     asked: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    heard = [n for n in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(n))]
+    before: dict[int, Any] = {n: signal.signal(n, lambda number, _: asked.append(number)) for n in heard}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     if asked:
-        stop = KeyboardInterrupt()
-        stop.kept = f"the new result in {folder} is complete"  # type: ignore[attr-defined]
-        raise stop
+        try:
+            before[asked[0]](asked[0], None)
+        except KeyboardInterrupt as stop:
+            stop.kept = f"the new result in {folder} is complete"  # type: ignore[attr-defined]
+            raise

@@ -9,21 +9,24 @@ import numpy as np
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
-from mocap.io.csv_table import read_table
-from mocap.io.dltdv_files import is_number_row
+from mocap.io.csv_table import has_titles, read_table
 from mocap.io.format import Format, Hints
-from mocap.io.head import Head, head
+from mocap.io.head import Head
 from mocap.io.lines import FRAMES, frame_numbers
-from mocap.io.optical import rate_of_times
+from mocap.io.optical import rate_of_times, time_unit_s
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
-_UNIT = re.compile(rf"(?P<title>.*[xyzXYZ])(?:\s*[\[(]\s*(?P<a>{_UNITS})\s*[\])]|[ _](?P<b>mm|cm))", re.DOTALL)
-_TITLE = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>[xyzXYZ])")
+_UNIT = re.compile(rf"(?P<title>.+?)\s*(?:[\[(]\s*(?P<a>{_UNITS})\s*[\])]|(?<=[xyzXYZ])[ _](?P<b>mm|cm|m))", re.DOTALL)
+_TITLES = (
+    re.compile(r"(?P<name>.*?)[ _.:/-]?\s*[\[(]?(?P<axis>[xyzXYZ])[\])]?"),
+    re.compile(r"(?P<axis>[xyzXYZ])(?:[ _.:/-](?P<name>.+)|(?P<number>\d+))"),
+)
+"""``nose_x``, ``nose.X``, ``nose (x)``; or ``x_nose``, ``x1``: those of a table are all of one kind."""
 LIKELY = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>likelihood|confidence|conf|score|prob(ability)?)", re.IGNORECASE)
 """Titles of likelihoods: as a marker's third column they make the first two pixels."""
 _TIMES = re.compile(
-    r"(?P<a>milli)?seconds|((t|time|zeit|temps|tiempo|tempo)|timestamp(?=[ _\[(]))"
-    r"(_(?P<b>m)?s|\s*[\[(](?P<c>m)?s[\])])?",
+    r"(?P<what>((elapsed|video|relative|frame)[ _]?)?(time[ _]?stamps?|time|zeit|temps|tiempo|tempo|t)|elapsed|)"
+    r"[ _]?\s*[\[(,/]?\s*(?P<unit>[a-zµμ]*?)\s*[\])]?",
     re.IGNORECASE,
 )
 """Titles of times, in the languages that spreadsheets are often written in."""
@@ -52,8 +55,7 @@ def _read(path: Path, hints: Hints) -> FileContents:
     Raises:
         FormatError: no map is stated and titles give none; a column is not there; the table is broken.
     """
-    titled = not is_number_row(tuple(c if c not in ("", "NaN", "nan") else "0" for c in head(path).cells()))
-    header, values = read_table(path, header=titled)
+    header, values = read_table(path, header=has_titles(path))
     header = header or [str(c + 1) for c in range(values.shape[1])]
     plain, unit = _without_unit(header)
     columns = dict(hints.columns)
@@ -75,16 +77,22 @@ def _read(path: Path, hints: Hints) -> FileContents:
 
 
 def seconds_of(title: str) -> float | None:
-    """Seconds in the unit of a column of times: 1, or 0.001 where its title says milliseconds; None: it is none."""
+    """Seconds in the unit of a column of times: 1, or less where its title says milliseconds, ...; None: it is none.
+
+    A bare time stamp may be a frame number.
+    """
     match = _TIMES.fullmatch(title)
-    return None if match is None else 1e-3 if match["a"] or match["b"] or match["c"] else 1.0
+    if match is None or not (match["unit"] or (match["what"] and "stamp" not in match["what"].lower())):
+        return None
+    return time_unit_s(match["unit"]) if match["unit"] else 1.0
 
 
 def _without_unit(header: list[str]) -> tuple[list[str], str | None]:
     """Titles without the unit that coordinates have in theirs, ``tip X (mm)``, and that unit if all have one."""
     found = [_UNIT.fullmatch(title) for title in header]
     units = {match["a"] or match["b"] for match in found if match}
-    if len(units) != 1 or any(not m and _TITLE.fullmatch(t) for m, t in zip(found, header, strict=True)):
+    bare = [t for m, t in zip(found, header, strict=True) if not m and not is_frame(t) and not seconds_of(t)]
+    if len(units) != 1 or any(kind.fullmatch(title) for kind in _TITLES for title in bare):
         return header, None
     return [match["title"] if match else title for match, title in zip(found, header, strict=True)], units.pop()
 
@@ -114,6 +122,11 @@ def _counted(header: list[str], values: Array) -> dict[str, tuple[str, ...]]:
 
 def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
     """The map that the titles suggest; empty where one fits no marker, frame or time."""
+    return next((found for kind in _TITLES if (found := _by_kind(header, kind))), {})
+
+
+def _by_kind(header: list[str], kind: re.Pattern[str]) -> dict[str, tuple[str, ...]]:
+    """The same where coordinates have titles of one kind."""
     found: dict[str, dict[str, str]] = {}
     special: dict[str, tuple[str, ...]] = {}
     for title in header:
@@ -121,15 +134,17 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
         if likely is not None:
             found.setdefault(likely["name"] or "point", {})["likelihood"] = title
             continue
-        match = _TITLE.fullmatch(title)
+        match = kind.fullmatch(title)
+        named = match.groupdict() if match else {}
+        name = named.get("name") or "point" + (named.get("number") or "")
         if seconds_of(title):
             special["time"] = (title,)
         elif is_frame(title):
             special["frame"] = (title,)
-        elif match is None or match["axis"].lower() in found.setdefault(match["name"] or "point", {}):
+        elif match is None or match["axis"].lower() in found.setdefault(name, {}):
             return {}
         else:
-            found[match["name"] or "point"][match["axis"].lower()] = title
+            found[name][match["axis"].lower()] = title
     if list(found).count("point") and len(found) > 1 and set(found["point"]) == {"likelihood"}:
         every = found.pop("point")["likelihood"]  # one likelihood for all markers of a frame
         found = {name: {**axes, "likelihood": every} for name, axes in found.items()}
@@ -189,8 +204,8 @@ def _mapped(
 
 def _is_table(head: Head) -> bool:
     """Text whose first two lines have as many commas, at least one, and a number in the second."""
-    first, second = [*head.lines, "", ""][:2]
-    return 0 < first.count(",") == second.count(",") and re.search(r"(^|,)\s*[-+.]?\d", second) is not None
+    first, second = [re.sub(r'"[^"]*"', "", line) for line in [*head.lines, "", ""][:2]]
+    return 0 < first.count(",") == second.count(",") and re.search(r"(^|,)\s*[-+.]?\d", head.lines[1]) is not None
 
 
 FORMATS = (Format(name="csv", title="a plain CSV table, with --columns", knows=_is_table, read=_read),)

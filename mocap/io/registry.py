@@ -1,9 +1,10 @@
 """All formats: recognising, reading and writing files, and what a format cannot store."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from mocap.io import (
     dltdv_sparse,
     easywand,
     kinovea,
+    mocaptoolbox,
     movement,
     nwb,
     optitrack,
@@ -66,6 +68,7 @@ FORMATS: tuple[Format, ...] = (
     *kinovea.FORMATS,
     *storage.FORMATS,
     *qualisys.FORMATS,
+    *mocaptoolbox.FORMATS,
     *vicon.FORMATS,
     *optitrack.FORMATS,
     *trc.FORMATS,
@@ -83,6 +86,7 @@ FORMATS: tuple[Format, ...] = (
 BESIDE = ("easymocap", "opencap")
 """Formats whose readers look at the file's place: what lies beside it, or its folder's name."""
 NANOMETRE = 1e-9
+Result = TypeVar("Result")
 
 
 def by_name(name: str) -> Format:
@@ -106,8 +110,40 @@ def identify(path: Path, hints: Hints | None = None) -> Format:
     hints = hints or Hints()
     if path.is_dir() and any(path.glob("*.json")) | any(path.glob("*/*.json")):
         return by_name("pose-json")
-    with transcribed(path, known=_known, sheet=hints.sheet) as (file, _):
-        return _identify(file, hints)
+    return _of_either(path, hints, None, lambda file, _: _identify(file, hints))
+
+
+def _of_either(
+    path: Path, hints: Hints, format: Format | None, result: Callable[[Path, Sequence[str]], Result]
+) -> Result:
+    """What comes of a file or, where it is refused, of the table in it laid out anew (``mocap.io.title_rows``).
+
+    Args:
+        path: What the user named.
+        hints: What the user states.
+        format: What the file is, if that is known.
+        result: What is wanted, of the file to read and of sentences on how its text was read.
+
+    Raises:
+        FormatError: neither is accepted.
+    """
+
+    def fits(beginning: Head) -> bool:
+        return (_known if format is None else format.knows)(beginning)
+
+    stands = False
+    try:
+        with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
+            stands = format is not None and format.name != "csv" and fits(head(file))
+            return result(file, told)
+    except FormatError as error:
+        with transcribed(path, known=_known, sheet=hints.sheet, anew=True) as (file, told):
+            if file == path or not (hints.format or fits(head(file)) or plain.is_mapped(head(file), hints)):
+                raise error from None
+            try:
+                return result(file, told)
+            except FormatError as again:
+                raise error if stands else FormatError("; ".join([str(again), *told])) from None
 
 
 def _known(beginning: Head) -> bool:
@@ -153,8 +189,8 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
         return plausible(pose_json.read_folder(path))
     if format.name in BESIDE:
         return plausible(format.read(path, hints))
-    with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
-        return _of(path, told, _read_as(format, file, hints))
+
+    return _of_either(path, hints, format, lambda file, told: _of(path, told, _read_as(format, file, hints)))
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from mocap.encoding import decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
 from mocap.io.head import LENGTH, Head
 from mocap.io.lines import FRAMES, MISSING_WORDS, one_kind
+from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text
 
 _BLOCK = 1 << 24
@@ -42,13 +43,16 @@ Knows = Callable[[Head], bool]
 
 
 @contextmanager
-def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterator[tuple[Path, tuple[str, ...]]]:
+def transcribed(
+    path: Path, *, known: Knows, sheet: str | None = None, anew: bool = False
+) -> Iterator[tuple[Path, tuple[str, ...]]]:
     """The file to read in place of another, while the context lasts, and sentences on how it was read.
 
     Args:
         path: What the user named.
         known: Whether a format knows a text whose cells are separated by tabs; else it is a table of commas to be.
         sheet: Of a workbook with several, the one to read: its name, or its number from 1.
+        anew: Whether a table is laid out anew (``mocap.io.title_rows``); where none is, the file itself is given.
 
     Raises:
         FormatError: it is no regular file, no text, has decimal commas and points, or a sheet is not told or not there.
@@ -59,7 +63,10 @@ def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterat
     elif sheet is not None:
         raise FormatError(f"{path.name}: is not a workbook (.xlsx), but the sheet {sheet!r} was stated: leave it out")
     else:
-        text, told = _one_form(path, known)
+        text, told = _decoded(path) if anew else _one_form(path, known)
+    if anew and text is not None:
+        text, more = laid_out(text) or (None, ())
+        told = (*told, *more)
     if text is None:
         yield path, told
         return
@@ -67,6 +74,19 @@ def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterat
         copy = Path(folder) / path.name
         copy.write_bytes(text.encode("utf-8"))
         yield copy, told
+
+
+def _decoded(path: Path) -> tuple[str | None, tuple[str, ...]]:
+    """The text of a file, with line ends of Unix, and sentences on that; None where it is not text."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None, ()
+    if b"\0" in data[:LENGTH] and not is_utf16(data):
+        return None, ()
+    text, told = decoded(path, data)
+    text = one_kind(text)
+    return text, told if text.endswith(("\n", "\x1a", "\f")) else (*told, _whole_end(path, text))
 
 
 def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:

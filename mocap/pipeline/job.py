@@ -1,7 +1,8 @@
 """The main job: from a recording to tracked motion, joints, potentials and a report."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from eal.over_time import at_frames
 from eal.threads import one_blas_thread
-from mocap.errors import MocapError
+from mocap.errors import MocapError, beside
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, MixedTrack, for_recording, renamed
@@ -51,6 +52,7 @@ from mocap.pipeline.tracking import (
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.side_by_side import Begun, begin
 from mocap.stages import Stages
+from mocap.text import as_text
 
 Watch = Callable[[Recording, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
@@ -60,15 +62,22 @@ JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
 
 
-def existing_model(model: object) -> Path:
+def existing_model(model: object, names: Sequence[str] = MODELS) -> Path:
     """The file of a learned model.
 
     Raises:
-        MocapError: there is none; the message lists the models.
+        MocapError: there is none; the message lists the models, of these names, and what has a name like it.
     """
     if isinstance(model, str | PathLike) and Path(model).is_file():
         return Path(model)
-    raise MocapError(f"`model` {model!s}: give {', '.join(MODELS)}, or a file that mocap learn wrote")
+    like = get_close_matches(str(model), names, n=1)
+    if like or not isinstance(model, str | PathLike):
+        what = f"there is no such model ({like[0]} is one)" if like else "is no model"
+    else:
+        what = "is a folder" if Path(model).exists() else f"there is no such file{beside(Path(model))}"
+    raise MocapError(
+        f"`model` {as_text(str(model))}: {what}: give {', '.join(names)}, or a file that mocap learn wrote"
+    )
 
 
 def run_job(

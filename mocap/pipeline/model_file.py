@@ -12,7 +12,7 @@ import numpy as np
 from eal import npz
 from eal.arrays import Array
 from mocap.documents import from_json, one_line
-from mocap.errors import FormatError, MocapError
+from mocap.errors import FormatError, MocapError, beside
 from mocap.filters.mixture import Mixture
 from mocap.filters.model import LearnedModel, check_rates, own_trials
 from mocap.filters.poses import MarkerTrial
@@ -107,6 +107,8 @@ def load_model(path: Path) -> LearnedModel:
         FormatError: the file is no such model.
     """
     again = "give the file that mocap learn wrote, or learn it again"
+    if not path.exists():
+        raise FormatError(f"{path}: there is no such file{beside(path)}: {again}")
     try:
         with npz.opened(path) as file:
             header = from_json(str(file["header"]), "header")

@@ -18,6 +18,7 @@ from mocap.io import dltdv
 from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
+from mocap.io.optical import SLOW
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table
 from mocap.io.registry import read as read_file
@@ -227,6 +228,8 @@ def complete(
         if contents.fps is None:
             raise NoRateError(f"{where}: the frame rate is not in the file: give `fps`")
         check_rate(contents.fps, where)
+        slow = (text for text in contents.findings if text.startswith(SLOW))
+        told = (*told, *(Finding(kind="frame rate", alarm=True, text=text) for text in slow))
     else:
         contents = contents.with_rate(fps)
     contents, left_out = every_frame(contents)

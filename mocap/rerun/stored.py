@@ -9,7 +9,7 @@ import pyarrow as pa
 from rerun.chunk import Chunk, RrdReader
 
 from eal.arrays import Array
-from mocap.errors import MocapError
+from mocap.errors import MocapError, beside
 from mocap.io.manifest import current
 from mocap.rerun import paths
 from mocap.rerun.columns import FRAME, TIME
@@ -109,7 +109,8 @@ def recording_file(path: Path) -> Path:
     """
     file = current(path, "recording.rrd") if path.is_dir() else path
     if not file.is_file():
-        raise StoredError(f"{path}: there is no recording: give a folder that mocap track or mocap demo wrote")
+        trouble = "there is no recording" if path.exists() else f"there is no such file or folder{beside(path)}"
+        raise StoredError(f"{path}: {trouble}: give a folder that mocap track or mocap demo wrote")
     return file
 
 

@@ -13,7 +13,7 @@ from eal.archive import ArchiveError
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import MODELS, Lens
 from mocap.documents import from_json, regular_bytes
-from mocap.errors import FormatError
+from mocap.errors import FormatError, beside
 from mocap.findings import Finding
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.joints import FRAMES
@@ -104,6 +104,9 @@ def read_recording(folder: Path) -> Recording:
     Raises:
         FormatError: the folder holds no result, or one of another version.
     """
+    if not folder.is_dir():
+        trouble = "is a file" if folder.exists() else f"there is no such folder{beside(folder)}"
+        raise FormatError(f"{folder}: {trouble}: give a folder that `mocap track` or save() wrote")
     early = not (folder / RECORDING).is_file() and (folder / EARLIER).is_file()
     for name in (EARLIER if early else RECORDING, MARKERS, SKELETON, "report.json", "report.md"):
         if not (folder / name).is_file():

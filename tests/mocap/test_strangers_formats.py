@@ -254,3 +254,52 @@ def test_what_a_stranger_types(tmp_path):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
         assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
     assert (tmp_path / "o.csv").read_text().startswith("frame,t_s,a,b,c\n")
+
+
+def test_structures_of_the_mocap_toolbox(tmp_path):
+    """Positions with their names and rate, in no unit; derivatives and a second structure are refused."""
+    own = {"type": "MoCap data", "nFrames": T, "nMarkers": 2, "freq": 120.0, "timederOrder": 0, "anaFreq": 0}
+    own |= {"markerName": np.array(PARTS, dtype=object)[:, None], "data": XYZ.reshape(T, -1), "other": {"descr": "x"}}
+    savemat(tmp_path / "a.mat", {"d": own, "n": 3})
+    got = read(tmp_path / "a.mat")
+    assert (got.format, got.names, got.fps, got.unit) == ("mocaptoolbox", PARTS, 120, None)
+    np.testing.assert_array_equal(got.points.xyz_m, XYZ)
+    for wrong, said in (
+        ({"d": own | {"timederOrder": 1}}, "order 1 of derivatives"),
+        ({"d": own | {"type": "norm data"}}, "'norm data'"),
+        ({"d": own | {"nMarkers": 3}}, "nMarkers is 3, for 2 names"),
+        ({"d": own, "e": own}, "structures d, e; expected one"),
+    ):
+        savemat(tmp_path / "a.mat", wrong)
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path / "a.mat")
+
+
+def test_cameras_that_caliscope_ignores(tmp_path):
+    """A camera that was left out of the calibration has no place; one that only lacks it is named."""
+    lens = "size = [640, 480]\nmatrix = [[900.0, 0, 320], [0, 900.0, 240], [0, 0, 1]]\ndistortions = [0, 0, 0, 0, 0]\n"
+    place = "translation = [{}, 0.0, 0.0]\nrotation = [0.0, 0.0, 0.0]\n"
+    text = f"[cameras.0]\n{lens}{place.format(0)}[cameras.1]\n{lens}ignore = true\n[cameras.2]\n{lens}{place.format(1)}"
+    (tmp_path / "camera_array.toml").write_text(text)
+    assert read(tmp_path / "camera_array.toml").camera_names == ("cam_0", "cam_2")
+    (tmp_path / "camera_array.toml").write_text(text.replace("true", "false"))
+    with pytest.raises(FormatError, match="cam_1 states a lens, but not where the camera is"):
+        read(tmp_path / "camera_array.toml")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("kind", ["", "<!DOCTYPE Cameras>\n"])
+def test_vicon_cameras_in_any_encoding(tmp_path, encoding, kind):
+    """What the first line says of the encoding need not be so; a document may name its kind, but define nothing."""
+    frame = 'FOCAL_LENGTH="2000" ORIENTATION="0 0 0 1" POSITION="100 0 500" PRINCIPAL_POINT="960 540"'
+    text = (
+        f'<?xml version="1.0" encoding="UTF-16" ?>\n{kind}<Cameras><Camera DEVICEID="21" SENSOR_SIZE="1920 1080" '
+        f'TYPE="Video"><KeyFrames><KeyFrame {frame}/></KeyFrames></Camera></Cameras>\n'
+    )
+    (tmp_path / "a.xcp").write_bytes(text.encode(encoding))
+    (camera,) = read(tmp_path / "a.xcp").cameras
+    assert (camera.name, camera.size_px) == ("21", (1920, 1080))
+    (tmp_path / "a.xcp").write_bytes(text.replace(kind, '<!DOCTYPE a [<!ENTITY b "c">]>\n', 1).encode(encoding))
+    if kind:
+        with pytest.raises(FormatError, match="defines entities"):
+            read(tmp_path / "a.xcp")

@@ -209,3 +209,31 @@ def test_rows_from_an_unknown_corner_are_told(tmp_path):
     """A file that counts from the upper left says nothing of rows that may count from below."""
     told = write(_read(tmp_path, "a_xypts.csv", "pt1_cam1_X,pt1_cam1_Y\n1,2\n"), tmp_path / "a.dlc.csv")
     assert told == ["pixel rows are written as they are, and will be read as counted from the upper left"]
+
+
+@pytest.mark.parametrize("key", ["df_with_missing", "tracks", "keypoints", "anything"])
+@pytest.mark.parametrize("layout", ["fixed", "table"])
+def test_tables_of_several_kinds_of_numbers(tmp_path, key, layout):
+    """Single and double precision and whole numbers in one table of pandas, under whatever key."""
+    pytest.importorskip("tables")
+    levels = {"scorer": ["me"], "bodyparts": ["b", "a"], "coords": ["x", "y", "likelihood"]}
+    columns = pd.MultiIndex.from_product(levels.values(), names=list(levels))
+    values = np.concatenate([UV, np.full((3, 2, 1), 1.0)], axis=-1)
+    table = pd.DataFrame(values.reshape(3, -1), columns=columns)
+    kinds = {"x": "float32", "y": "float64", "likelihood": "int64"}
+    table = table.astype({column: kinds[column[2]] for column in columns})
+    table.to_hdf(tmp_path / "a.h5", key=key, mode="w", format=layout)
+    found = read(tmp_path / "a.h5")
+    assert (found.format, found.names) == ("deeplabcut-h5", ("b", "a"))
+    np.testing.assert_array_equal(found.pixels.uv_px[0], UV)
+    np.testing.assert_array_equal(found.score[0], 1.0)
+    table.to_hdf(tmp_path / "a.h5", key="other", format=layout)
+    if key == "df_with_missing":
+        np.testing.assert_array_equal(read(tmp_path / "a.h5").pixels.uv_px[0], UV)
+    else:
+        with pytest.raises(FormatError, match=f"has the tables .*{key}.*expected one, or df_with_missing"):
+            read(tmp_path / "a.h5")
+    table[("me", "a", "x")] = "word"
+    table[[("me", "a", "x")]].to_hdf(tmp_path / "w.h5", key=key, mode="w", format=layout)
+    with pytest.raises(FormatError, match="expected numbers only"):
+        read(tmp_path / "w.h5")

@@ -4,13 +4,14 @@ import errno
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mocap.datasets import make_bat, write_recording
 
 from mocap.cli.console import visible
-from mocap.cli.main import FAULT, STOPPED, TROUBLE
+from mocap.cli.main import FAULT, STOPPED, TERMINATED, TROUBLE
 from mocap.errors import MocapError
 
 FPS = 240.0
@@ -259,3 +260,55 @@ def test_ordinary_text_stays():
     text = "Bär, 猫, קול\tµm\n"
     assert visible(text) == text
     assert visible(os.fsdecode(b"b\xe4r")) == r"b\xe4r"
+
+
+def test_what_is_not_there_is_said_to_be_missing(tmp_path, monkeypatch):
+    """No file or folder that is not there is called damaged or of another kind; names like its are told."""
+    import mocap
+    from mocap.io.registry import read as read_file
+    from mocap.pipeline.job import existing_model
+    from mocap.rerun.stored import recording_file
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "trial7").mkdir()
+    for name in ("trial7.csv", "model.npz"):
+        (tmp_path / name).write_text("1\n")
+    for call, path, said in (
+        (mocap.load, "nothing", "nothing: there is no such folder: give"),
+        (mocap.load, "trail7", r"trail7: there is no such folder \(its folder has .*trial7.*\): give"),
+        (mocap.load, "trial7.csv", r"trial7\.csv: is a file: give a folder"),
+        (mocap.load, "no/trial7", r"no/trial7: there is no such folder \(there is no folder no\): give"),
+        (mocap.load_model, "none", "none: there is no such file: give"),
+        (mocap.load_model, "modle.npz", r"there is no such file \(its folder has model\.npz\): give"),
+        (mocap.load_model, "model.npz", "model.npz: not a model that mocap learn wrote"),
+        (lambda name: read_file(Path(name)), "trail7.csv", r"No such file or directory \(its folder has trial7"),
+        (lambda name: read_file(Path(name)), "ab.csv", "No such file or directory$"),
+        (lambda name: recording_file(Path(name)), "trail7", r"no such file or folder \(its folder has .*trial7"),
+        (existing_model, "modle.npz", r"no such file \(its folder has model\.npz\): give auto"),
+        (existing_model, "lagrangain", r"no such model \(lagrangian is one\): give auto"),
+        (existing_model, "trial7", "is a folder: give auto"),
+    ):
+        with pytest.raises(MocapError, match=said):
+            call(path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize(("number", "code"), [("SIGTERM", TERMINATED), ("SIGINT", STOPPED)])
+@pytest.mark.parametrize("when", ["before", "while it is put in place"])
+def test_a_request_to_end_leaves_nothing_half(tmp_path, number, code, when):
+    """A scheduler's SIGTERM is heard as Ctrl-C is: what was begun goes, what is being put in its place comes whole."""
+    (tmp_path / "a.csv").write_text("p_x,p_y,p_z\n1,2,3\n4,5,6\n")
+    target = "mocap.io.convert.write" if when == "before" else "mocap.io.output.write_manifest"
+    start = (
+        "import os, signal\nfrom unittest import mock\nfrom mocap.cli.main import main\n"
+        "import mocap.io.convert, mocap.io.output\n"
+        f"signal.signal(signal.SIGINT, signal.default_int_handler)\nreal = {target}\n"
+        f"def call(*a, **k):\n    os.kill(os.getpid(), signal.{number})\n    return real(*a, **k)\n"
+        f"with mock.patch('{target}', call):\n    main()\n"
+    )
+    command = [sys.executable, "-c", start, "convert", "a.csv", "b.trc", "--fps", "100", "--unit", "m"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, len(done.stderr.splitlines())) == (code, 1), done.stderr
+    assert done.stderr.startswith("stopped: ")
+    left = {path.name for path in tmp_path.iterdir() if path.name not in (".mocap-manifest.json", ".mocap-lock")}
+    assert left == ({"a.csv"} if when == "before" else {"a.csv", "b.trc"})

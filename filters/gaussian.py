@@ -333,7 +333,8 @@ class Update:
             vector[..., :reads] -= _times(_t(self.rows), self.innovation)
             matrix[..., :reads, :reads] += _t(self.rows) @ self.rows
             return Adjoint(vector, matrix)
-        vector, matrix = adjoint.vector.copy(), adjoint.matrix.copy()
+        # what is not symmetric would be taken from both sides in the same sense, and grow by a factor a frame
+        vector, matrix = adjoint.vector.copy(), _symmetric(adjoint.matrix)
         if self.force is not None:
             vector[..., :reads] -= self.force
         pull = _times(self.gains, vector) + self.innovation

@@ -1,54 +1,76 @@
 """How rough the residual of each marker is: the rate of its Matern-5/2 process, by the likelihood of its samples."""
 
+from functools import partial
+
 import numpy as np
 from mocap.filters.motion.pose import STATIONARY, matern_flow, matern_noise
 
 from eal.arrays import Array
 
-RATES = 2.0 ** np.arange(0, 3.5, 0.5)
-"""Multiples of the common rate that are looked at."""
+RATES = 2.0 ** np.arange(-2, 3.5, 0.5)
+"""Multiples of the usual rate that are looked at."""
+NOISES = 2.0 ** np.arange(-0.75, 0.25, 0.25)
+"""Multiples of the stated noise that are looked at, as scales of Student's t."""
+DOF = 4.0
+"""Degrees of freedom of measured coordinates' errors: those that digitised points have where little is known."""
+NORMAL = 1e6
+"""With so many degrees of freedom Student's t is the normal law."""
 MOST_FRAMES = 400
 """Of longer recordings so many frames in the middle are looked at."""
 
 
-def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, common_hz: float) -> Array:
-    """Rate of each marker's residual, the same for its three coordinates: the common one, or a higher one.
+def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, usual_hz: float) -> Array:
+    """Rate of each marker's residual, the same for its three coordinates: that of all markers, or a higher one.
 
-    Elbows and knees move by themselves in ways that no shape has, at twice the rate of other markers. Each coordinate
-    is a Matern-5/2 process of standard deviation ``sd`` seen with white noise; its likelihood is that of a Kalman
-    filter of three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once. The rate is the
-    likeliest. Lower rates than the common one are not looked at: where noise hides a residual they are likeliest, and
-    make velocities look certain.
+    The rate of all is that under which all are likeliest together, with errors of heavy tails and one factor on them:
+    under normal errors of the stated size quick motion is taken for noise. Elbows and knees move by themselves in ways
+    that no shape has, at twice the rate of other markers: the rate of a marker is the likeliest that is no lower, with
+    normal errors, as a quick stretch of one marker is a careless click to heavy tails. By itself a marker whose
+    residual noise hides, as that of a trunk, is likeliest at lower ones, which make velocities look certain.
 
     Args:
         residual: (T, 3M) what the subspace leaves of each coordinate in metres; NaN where not seen.
         noise_sd: (T, 3M) standard deviation of its white noise.
         dt_s: Time step.
         sd: (3M,) standard deviation of the process.
-        common_hz: The common rate, 1/s.
+        usual_hz: The rate about which they are looked for, 1/s.
 
     Returns:
         (3M,) rates in 1/s.
     """
     middle = max(0, (len(residual) - MOST_FRAMES) // 2)
-    part = slice(middle, middle + MOST_FRAMES)
-    rates = common_hz * RATES
+    part, rates = slice(middle, middle + MOST_FRAMES), usual_hz * RATES
+    likelihoods = partial(_likelihoods, residual[part], dt_s=dt_s, sd=sd, rates=rates)
+    together = [likelihoods(factor * noise_sd[part], dof=DOF).sum(axis=1) for factor in NOISES]
+    least = int(max(together, key=np.max).argmax())
+    own = likelihoods(noise_sd[part], dof=NORMAL)[least:]
+    return np.repeat(rates[least + own.argmax(axis=0)], 3)
+
+
+def _likelihoods(residual: Array, scale: Array, *, dof: float, dt_s: float, sd: Array, rates: Array) -> Array:
+    """(K, M) log likelihood of each marker's residual under each of (K,) rates.
+
+    Each coordinate is a Matern-5/2 process of standard deviation ``sd`` seen with errors of Student's t; its likelihood
+    is that of a Kalman filter of three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once,
+    whose noise is weighted by how far each sample is from its prediction (Lange et al. 1989).
+    """
     turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)[:, None]  # (K, 1, 3, 3), of [e, e1 / rate, e2 / rate^2]
     size = (sd**2)[:, None, None]
     added = np.moveaxis(matern_noise(rates * dt_s), -1, 0)[:, None] * size  # (K, D, 3, 3)
     mean = np.zeros((len(rates), len(sd), 3))
     cov = np.broadcast_to(STATIONARY * size, (len(rates), len(sd), 3, 3))
     total = np.zeros((len(rates), len(sd)))
-    for y, r in zip(residual[part], np.maximum(noise_sd[part], 1e-6) ** 2, strict=True):
+    for y, r in zip(residual, np.maximum(scale, 1e-6) ** 2, strict=True):
         known = np.isfinite(y)
-        spread = np.where(known, cov[..., 0, 0] + r, np.inf)  # what was not seen says nothing
+        spread, noise = cov[..., 0, 0] + np.where(known, r, 1.0), np.where(known, r, np.inf)
         away = np.where(known, y - mean[..., 0], 0.0)
-        total -= np.where(known, 0.5 * (np.log(np.where(known, spread, 1.0)) + away**2 / spread), 0.0)
+        off = 1 + away**2 / (dof * spread)
+        total -= np.where(known, 0.5 * (np.log(spread) + (dof + 1) * np.log(off)), 0.0)
+        spread = cov[..., 0, 0] + noise * off * dof / (dof + 1)  # what was not seen says nothing
         gain = cov[..., 0] / spread[..., None]
         mean = (turn @ (mean + gain * away[..., None])[..., None])[..., 0]
         cov = turn @ (cov - gain[..., None] * cov[..., None, 0, :]) @ np.swapaxes(turn, -1, -2) + added
-    total = total.reshape(len(rates), -1, 3).sum(axis=2)
-    return np.repeat(rates[total.argmax(axis=0)], 3)
+    return total.reshape(len(rates), -1, 3).sum(axis=2)
 
 
 def out_of_sample(residual: Array, noise_sd: Array, basis: Array) -> tuple[Array, Array]:

@@ -174,11 +174,11 @@ def learn_pose(
     trial, subspace = trials[-1], shapes.subspace
     left_sd = np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[-1]))
     memory_s = residual_memory_s(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd)
-    common_hz = RESIDUAL_RATE * MATERN_HALF / memory_s
-    rates = np.full(len(left_sd), common_hz)
+    usual_hz = RESIDUAL_RATE * MATERN_HALF / memory_s
+    rates = np.full(len(left_sd), usual_hz)
     if trial.sd_m.any():  # without the noise's size nothing tells it from rough motion
         left, noise = out_of_sample(shapes.residual[-1], trial.sd_m, subspace.basis)
-        rates = marker_rates(left, noise, trial.dt_s, left_sd, common_hz)
+        rates = marker_rates(left, noise, trial.dt_s, left_sd, usual_hz)
     own = replace(subspace, mean=subspace.mean + shapes.offset[-1], residual_sd=left_sd)
     spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
     extent = float(np.sqrt(np.nanmean((trial.y - np.nan_to_num(own.mean)) ** 2)))

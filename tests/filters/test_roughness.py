@@ -19,7 +19,7 @@ def residuals(rate_hz, rng, n_frames=300, count=30):
     return np.array(out) + NOISE_M * rng.normal(size=(n_frames, count))
 
 
-@pytest.mark.parametrize("rate_hz", [40.0, 80.0, 160.0])
+@pytest.mark.parametrize("rate_hz", [20.0, 40.0, 80.0, 160.0])
 def test_rates_are_those_that_made_the_residuals(rate_hz):
     """To the half step of the grid, 2^(1/4), with gaps; each marker by itself."""
     rng = np.random.default_rng(0)
@@ -30,14 +30,28 @@ def test_rates_are_those_that_made_the_residuals(rate_hz):
     np.testing.assert_allclose(np.log2(found / rate_hz), 0, atol=0.3)
 
 
-def test_what_noise_hides_has_the_common_rate():
-    """Noise alone, and a marker that was never seen: there is no evidence of a higher rate."""
+def test_what_noise_hides_has_the_rate_of_all_markers():
+    """A marker of noise alone, and one that was never seen: the likeliest rates by themselves are the lowest."""
     rng = np.random.default_rng(1)
-    seen = NOISE_M * rng.normal(size=(200, 6))
-    seen[:, 3:] = np.nan
-    found = marker_rates(seen, np.full(seen.shape, NOISE_M), DT_S, np.full(6, SD_M), 40.0)
-    assert found[0] == 40.0
-    assert found[3] == 40.0
+    seen = residuals(20.0, rng)
+    seen[:, :3], seen[:, 3:6] = NOISE_M * rng.normal(size=(300, 3)), np.nan
+    found = marker_rates(seen, np.full(seen.shape, NOISE_M), DT_S, np.full(30, SD_M), 40.0)
+    np.testing.assert_allclose(found[:6], found.min())
+    assert found.min() == pytest.approx(20.0, rel=0.01)
+
+
+@pytest.mark.parametrize("stated", [0.8, 1.25, 1.5])
+def test_careless_clicks_are_not_taken_for_motion_nor_motion_for_noise(stated):
+    """One sample in ten is five times as noisy: whatever size of noise is stated, the rate of all is the true one.
+
+    Under normal errors it is a step of the grid higher where too little is stated, and one lower where too much is.
+    """
+    rng = np.random.default_rng(3)
+    noise = 2 * NOISE_M * np.where(rng.random((300, 30)) < 0.1, 5.0, 1.0)
+    seen = residuals(40.0, rng) + noise * rng.normal(size=(300, 30))
+    rms = np.sqrt(np.mean(noise**2) + NOISE_M**2)
+    found = marker_rates(seen, np.full(seen.shape, stated * rms), DT_S, np.full(30, SD_M), 40.0)
+    assert found.min() == pytest.approx(40.0, rel=0.01)
 
 
 def test_a_marker_is_missed_by_what_the_others_predict():

@@ -113,5 +113,5 @@ def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
         counts = "if they count frames, their rate is not known"
         unit, size = ("milliseconds", 1e3) if fps > SLOW_HZ / 1e3 else ("microseconds", 1e6)
         other = counts if (steps == 1).all() else f"if they are {unit}, {fps * size:.6g}"
-        told.append(f"{SLOW} as such they give {fps:.4g} frames a second; {other}: state the frame rate")
+        told.append(f"{SLOW} as such they give {fps:.4g} frames a second; {other}: state `fps`")
     return float(f"{fps:.9g}"), told

@@ -25,6 +25,8 @@ _PIXELS = ("px", "pixel", "pixels")
 _NO_UNIT = re.compile(r"frames?|n|#|nr|no|counts?|1|-|", re.IGNORECASE)
 """What stands in a row of units over columns that have none."""
 _CLOCK = re.compile(r"(?:(\d{4}-\d\d-\d\d)[T ])?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)Z?", re.ASCII)
+_KEY = re.compile(r"[A-Z]+(_[A-Z]+)+")
+"""Two lines that begin so, as ``NO_OF_MARKERS`` and ``MARKER_NAMES``, are a program's head that is not whole."""
 _UNIT_NOTE = re.compile(r"(?:length )?units?[\s:=,;]+[\"'\[(]*([a-z]+)", re.IGNORECASE)
 _SEPARATORS = (";", "\t", "|", ",", " ")
 """Semicolons first: cells between them may hold decimal commas. A blank stands for any number of them."""
@@ -57,6 +59,8 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
     rows, above = cells[start:], {i: row for i, row in zip(kept[:start], cells, strict=False) if any(row)}
     width = len(rows[0]) if rows else 0
     if len(rows) < 2 or any(len(row) != width for row in rows) or any(map(_all_values, above.values())):
+        return None
+    if sum(_KEY.fullmatch(row[0]) is not None for row in above.values()) > 1:
         return None
     titles, used = _titles(above, width)
     if not titles and (last := max((i for i in comments if i < kept[start]), default=-1)) >= 0:

@@ -71,13 +71,14 @@ def existing_model(model: object, names: Sequence[str] = MODELS) -> Path:
     if isinstance(model, str | PathLike) and Path(model).is_file():
         return Path(model)
     like = get_close_matches(str(model), names, n=1)
-    if like or not isinstance(model, str | PathLike):
-        what = f"there is no such model ({like[0]} is one)" if like else "is no model"
-    else:
-        what = "is a folder" if Path(model).exists() else f"there is no such file{beside(Path(model))}"
-    raise MocapError(
-        f"`model` {as_text(str(model))}: {what}: give {', '.join(names)}, or a file that mocap learn wrote"
-    )
+    what = f"there is no such model ({like[0]} is one): " if like else ""
+    if not like and isinstance(model, str | PathLike):
+        path = Path(model)
+        if path.exists():
+            what = "is a folder: "
+        elif path.suffix or len(path.parts) > 1:  # a word alone was meant to be a name
+            what = f"there is no such file{beside(path)}: "
+    raise MocapError(f"`model` {as_text(str(model))}: {what}give {', '.join(names)}, or a file that mocap learn wrote")
 
 
 def run_job(

@@ -266,8 +266,8 @@ def test_of_very_many_recordings_some_are_kept(monkeypatch):
             "best",
             "--model best: give auto, mixture, eal, articulated, lagrangian, constant_velocity, or a file that mocap",
         ),
-        ("nowhere.npz", "--model nowhere.npz: give auto"),
-        (".", "--model .: give auto"),
+        ("nowhere.npz", "--model nowhere.npz: there is no such file: give auto"),
+        (".", "--model .: is a folder: give auto"),
     ],
 )
 def test_a_wrong_name_of_a_model(mocap, flights, tmp_path, given, said):

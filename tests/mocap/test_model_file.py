@@ -103,6 +103,8 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))
-    for name in ("text.npz", "array.npy", "", "nowhere.npz"):
+    for name in ("text.npz", "array.npy", ""):
         with pytest.raises(FormatError, match="not a model"):
             load_model(tmp_path / name)
+    with pytest.raises(FormatError, match=r"nowhere\.npz: there is no such file"):
+        load_model(tmp_path / "nowhere.npz")

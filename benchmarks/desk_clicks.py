@@ -1,6 +1,6 @@
 """Clicks until the error at 90 % is below 4.2 mm: where the desk asks, at random, at the largest reprojection errors.
 
-    python -m benchmarks.desk_clicks [--quick] [--data FOLDER] --out DIR
+    python -m benchmarks.desk_clicks [--quick] [--places 80] [--data FOLDER] --out DIR
 
 The flights of ``benchmarks.arena`` are tracked from a network's points and proof-read as the desk does it. The person
 is the first of the two who digitised them: at a place (a marker in a frame) he clicks in each camera in which he did,
@@ -9,7 +9,7 @@ two rankings. Errors are distances from the mean of both people's points, of all
 a row for each way and seed: clicks and places until ``ENOUGH_M`` is reached (``reached`` 0: not with all that it asks
 for), the error at 90 % after some numbers of places, and of the places themselves, as they are solved at the end, how
 far they lie from where the person's clicks meet (``mm_from_clicks``, median) and how many were not believed
-(``rejected``). ``--quick``: one flight, one seed, and no more than ``SOME`` places.
+(``rejected``). ``--places``: no more than so many. ``--quick``: one flight, one seed, half as many places.
 """
 
 import argparse
@@ -33,8 +33,7 @@ from mocap.results.tracked import Tracked
 
 ENOUGH_M = 4.2e-3
 AT_A_TIME = 5
-SHOWN = (0, 20, 40, 80, 160)
-SOME = 40
+SHOWN = (0, 20, 40, 60, 80)
 COLUMNS = (
     "way",
     "seed",
@@ -155,6 +154,7 @@ def main() -> None:
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("MOCAP_REAL_DATA", beside)))
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--places", type=int, default=80)
     parser.add_argument("--quick", action="store_true")
     given = parser.parse_args()
     flights = read_flights(given.data, "augmented")[: 1 if given.quick else None]
@@ -166,7 +166,7 @@ def main() -> None:
         table = csv.DictWriter(file, COLUMNS, extrasaction="ignore", lineterminator="\n")
         table.writeheader()
         for name, seed, way in ways:
-            found = sit(flights, tracked, way, SOME if given.quick else 10_000)
+            found = sit(flights, tracked, way, given.places // 2 if given.quick else given.places)
             row = {"way": name, "seed": seed} | {k: round(v, 2) for k, v in found.items()}
             table.writerow(row)
             file.flush()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from eal.arrays import Z95
 from mocap.filters.models.registry import NAMED
 from mocap.io.unstated_unit import length_text
+from mocap.text import number_of
 
 METHODS = {
     **{name: (one.title, one.about) for name, one in NAMED.items()},
@@ -105,10 +106,8 @@ def error_lines(report: Mapping) -> list[str]:
     if found.half_width is not None:
         lines.append(f"± {two_digits(found.half_width)} {unit} is the median 95 % interval of a filled coordinate")
     if report.get("extrapolated"):
-        lines.append(
-            f"{report['extrapolated']} points before a marker's first or after its last observation are extrapolated: "
-            "no later data constrain them"
-        )
+        points = number_of(report["extrapolated"], "extrapolated point")
+        lines.append(f"{points} before a marker's first or after its last observation: no later data constrain them")
     if found.wrong_by is not None:
         lines.append(f"intervals are too {found.wrong_by}: errors are {found.z:.2f} times the stated sd (1 is right)")
     if found.others:

@@ -19,3 +19,18 @@ def test_intervals_that_are_not_believable_are_said_to_be(z, said):
     lines = [line for line in error_lines(report) if line.startswith("intervals are")]
     assert len(lines) == (said is not None)
     assert all(said in line and f"{z:.2f} times" in line for line in lines)
+
+
+@pytest.mark.parametrize(("count", "said"), [(0, None), (1, "1 extrapolated point "), (12, "12 extrapolated points ")])
+def test_extrapolated_points_are_counted(count, said):
+    """One is a point, twelve are points, none is not said."""
+    own = {"rmse_mm": 2.0, "coverage95": 91.0, "z": 1.0}
+    report = {
+        "model": {"name": "mixture"},
+        "validation": {"methods": {"mixture": own}, "hidden_samples": 400},
+        "sd_mm": {"filled": {"50%": 1.0}},
+        "extrapolated": count,
+    }
+    lines = [line for line in error_lines(report) if "extrapolated" in line]
+    assert len(lines) == (said is not None)
+    assert all(line.startswith(said) for line in lines)

@@ -75,9 +75,9 @@ class Smoothed:
 
     def markers(self, view: "View") -> Array:
         """(M, 3, 3) covariances of markers in the world."""
-        before, shape = Markers(Moments(self.mean, self.filtered), view), (-1, 3, self.mean.shape[-1])
-        later = (before.gains @ self.matrix).reshape(shape) @ _t(before.gains.reshape(shape))
-        cov = _symmetric(before.own - later)
+        before = Markers(Moments(self.mean, self.filtered), view)
+        later = before.gains @ self.matrix @ _t(before.gains)
+        cov = _symmetric(diagonal_blocks(before.spread - later))
         return cov if view.turn is None else view.turn @ cov @ view.turn.T
 
     def of(self, rows: Array, gains: Array | None = None) -> Array:
@@ -123,19 +123,19 @@ class Move:
         """(..., n) states, or rows that are to be carried on: rows F^T."""
         if self.dense is not None:
             return rows @ self.dense.T
-        s = len(self.shared)
-        out = np.empty(rows.shape)
-        out[..., :s], out[..., s:] = rows[..., :s] @ self.shared.T, self._chained(rows[..., s:])
-        return out
+        return self._times(rows.T).T
 
-    def _chained(self, rows: Array) -> Array:
-        """(..., kD) rows, of chains alone, that are carried on."""
-        if not len(self.chain):
-            return rows
-        out = self.chain @ rows.reshape(*rows.shape[:-1], len(self.chain), -1)
-        if self.decay is not None:
-            out *= self.decay
-        return out.reshape(rows.shape)
+    def _times(self, columns: Array) -> Array:
+        """F times (n,) or (n, c)."""
+        s, k = len(self.shared), len(self.chain)
+        out = np.empty(columns.shape)
+        np.matmul(self.shared, columns[:s], out=out[:s])
+        if k:
+            chains = out[s:].reshape(k, -1)
+            np.matmul(self.chain, columns[s:].reshape(k, -1), out=chains)
+            if self.decay is not None:
+                chains.reshape(k, len(self.decay), -1)[...] *= self.decay[:, None]
+        return out
 
     def _both(self, matrix: Array) -> Array:
         """F C F^T of a symmetric matrix C (n, n).
@@ -143,24 +143,9 @@ class Move:
         What rounding leaves unsymmetric grows with the square of an unstable mode of F, which the shared block may
         have: that block is made symmetric in each step.
         """
-        s, k = len(self.shared), len(self.chain)
-        out = np.empty(matrix.shape)
-        top = self.shared @ matrix[:s]
-        out[:s, :s] = _symmetric(top[:, :s] @ self.shared.T)
-        if k:
-            out[:s, s:] = self._chained(top[:, s:])
-            out[s:, :s] = out[:s, s:].T
-            size = len(matrix) - s  # F C of chains, and then of its transpose the same
-            half = self._stepped(matrix[s:, s:].reshape(k, -1, size))
-            out[s:, s:] = self._stepped(half.T.reshape(k, -1, size))
+        out, s = self._times(self._times(matrix).T), len(self.shared)
+        out[:s, :s] = _symmetric(out[:s, :s])
         return out
-
-    def _stepped(self, columns: Array) -> Array:
-        """(kD, c) columns of chains, (k, D, c), that are carried on."""
-        out = (self.chain @ columns.reshape(len(columns), -1)).reshape(columns.shape)
-        if self.decay is not None:
-            out *= self.decay[:, None]
-        return out.reshape(-1, columns.shape[2])
 
     @property
     def turned(self) -> "Move":
@@ -222,16 +207,13 @@ class View:
         moved = self.times(change[..., None]).reshape(-1, 3)
         return moved if self.turn is None else moved @ self.turn.T
 
-    def combined(self, which: NDArray[np.int64], along: Array) -> Array:
-        """(..., kq, reads) rows of q combinations of the coordinates of each of k markers, (..., k, q, 3)."""
-        *parts, count, q, _ = along.shape
-        m, s = self.rows.shape[-2] // 3, self.rows.shape[-1]
-        out = np.zeros((*parts, count, q, self.reads))
-        out[..., :s] = along @ self.rows.reshape(*parts, m, 3, s)[..., which, :, :]
+    def combined(self, along: Array) -> Array:
+        """(..., q, reads) rows of q combinations (..., q, 3m) of the coordinates of all markers of a part."""
+        out = np.zeros((*along.shape[:-1], self.reads))
+        out[..., : self.rows.shape[-1]] = along @ self.rows
         if self.chains is not None:
-            own = self.chains + 3 * which[:, None, None] + np.arange(3)
-            out[..., np.arange(count)[:, None, None], np.arange(q)[:, None], own] = along
-        return out.reshape(*parts, count * q, self.reads)
+            out[..., self.chains :] = along
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,18 +261,14 @@ class Markers:
             which: (M,) markers that these are of; None: all.
         """
         parts = self.state.mean.shape[:-1]
-        which = np.arange(self.view.rows.shape[-2] // 3) if which is None else which
-        if not parts:
-            seen = known.any(axis=1)
-            which, along, innovation, known = which[seen], along[seen], innovation[seen], known[seen]
-        along = along.reshape(*parts, -1, *along.shape[1:])
-        n = self.state.mean.shape[-1]
-        gains = (along @ self.gains.reshape(*parts, -1, 3, n)[..., which, :, :]).reshape(*parts, -1, n)
-        rows, target = self.view.combined(which, along), innovation.reshape(*parts, -1)
-        if not parts and not known.all():
-            kept = known.ravel()
-            rows, gains, target = rows[kept], gains[kept], target[kept]
-        return condition(self.state, rows, gains, target)
+        if parts:  # of one marker each
+            target, every = innovation.reshape(*parts, -1), along.reshape(*parts, -1, 3)
+        else:
+            count, q, _ = along.shape
+            every = np.zeros((count, q, self.view.rows.shape[-2] // 3, 3))
+            every[np.arange(count), :, np.arange(count) if which is None else which] = along
+            target, every = innovation[known], every.reshape(count, q, -1)[known]
+        return condition(self.state, self.view.combined(every), every @ self.gains, target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,7 +414,7 @@ def diagonal(matrix: Array) -> Array:
 def diagonal_blocks(spread: Array) -> Array:
     """(M, 3, 3) blocks on the diagonals of (..., 3m, 3m)."""
     blocks = spread.reshape(*spread.shape[:-2], spread.shape[-1] // 3, 3, -1, 3)
-    return np.einsum("...iaib->...iab", blocks).reshape(-1, 3, 3)
+    return np.moveaxis(blocks.diagonal(axis1=-4, axis2=-2), -1, -3).reshape(-1, 3, 3)
 
 
 def _symmetric(matrix: Array) -> Array:

@@ -118,27 +118,43 @@ class PixelObservations:
 
     def sights(self, frame: int, mean: Array, cov: Array) -> Sights:
         """Two rows (u, v) for each ray, three for the point of a marker that is predicted vaguely."""
-        wide = np.trace(cov, axis1=-2, axis2=-1) > 3 * self.wide_m**2
+        wide = np.einsum("mii->m", cov) > 3 * self.wide_m**2
         camera, marker = np.nonzero(self._seen[:, frame] & ~wide)
-        points = np.flatnonzero(wide & self._met[frame])
-        n, total = len(camera), len(camera) + len(points)
-        innovation, slope, sd = np.zeros((total, 3)), np.zeros((total, 3, 3)), np.ones((total, 3))
-        predicted, change, error = linearised_pixels(self.matrices, mean, cov, camera, marker)
-        innovation[:n, :2] = self.uv_px[camera, frame, marker] - predicted
-        slope[:n, :2] = change
-        sd[:n, :2] = np.sqrt(self.sd_px[camera, frame, marker, None] ** 2 + error)
-        if len(points):
-            slope[n:] = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, points]))
-            innovation[n:] = np.einsum("gij,gj->gi", slope[n:], self.xyz_m[frame, points] - mean[points])
-        return Sights(
-            where=np.stack([np.append(camera, np.full_like(points, WHOLE)), np.append(marker, points)], axis=1),
-            size=np.repeat([2, 3], [n, len(points)]),
+        n = len(camera)
+        innovation, slope, sd = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.ones((n, 3))
+        predicted, slope[:, :2], error = linearised_pixels(self.matrices, mean, cov, camera, marker)
+        innovation[:, :2] = self.uv_px[camera, frame, marker] - predicted
+        sd[:, :2] = np.sqrt(self.sd_px[camera, frame, marker, None] ** 2 + error)
+        rays = Sights(
+            where=np.array([camera, marker]).T,
+            size=np.full(n, 2),
             innovation=innovation,
             slope=slope,
             sd=sd,
-            dof=np.append(np.full(n, np.inf) if self.dof is None else self.dof[camera], np.full(len(points), np.inf)),
-            apart=np.append(self._apart[frame, marker], np.zeros(len(points), dtype=bool)),
+            dof=np.full(n, np.inf) if self.dof is None else self.dof[camera],
+            apart=self._apart[frame, marker],
         )
+        points = np.flatnonzero(wide & self._met[frame])
+        return _with_points(rays, WHOLE, points, self.xyz_m[frame], self.cov_m2[frame], mean)
+
+
+def _with_points(
+    sights: Sights, camera: int, marker: NDArray[np.int64], xyz_m: Array, cov_m2: Array, mean: Array
+) -> Sights:
+    """Sights, and three rows for each of some markers whose positions (M, 3) and covariances are known."""
+    if not len(marker):
+        return sights
+    slope = np.linalg.inv(np.linalg.cholesky(cov_m2[marker]))
+    more = Sights(
+        where=np.stack([np.full_like(marker, camera), marker], axis=1),
+        size=np.full(len(marker), 3),
+        innovation=np.einsum("gij,gj->gi", slope, xyz_m[marker] - mean[marker]),
+        slope=slope,
+        sd=np.ones((len(marker), 3)),
+        dof=np.full(len(marker), np.inf),
+        apart=np.zeros(len(marker), dtype=bool),
+    )
+    return Sights(**{name: np.concatenate([value, vars(more)[name]]) for name, value in vars(sights).items()})
 
 
 def linearised_pixels(
@@ -156,17 +172,17 @@ def linearised_pixels(
     Returns:
         Mean pixel (g, 2), its change with the marker (g, 2, 3) in px/m, and the variance (g, 2) that is left.
     """
-    floor = 1e-9 * np.trace(cov, axis1=-2, axis2=-1)[:, None, None] + 1e-16
+    floor = 1e-9 * np.einsum("mii->m", cov)[:, None, None] + 1e-16
     factor = np.linalg.cholesky(cov + floor * np.eye(3))
-    steps = np.sqrt(3) * np.swapaxes(factor, 1, 2)
-    cloud = np.concatenate([mean[:, None], mean[:, None] + steps, mean[:, None] - steps], axis=1)  # (M, 7, 3)
-    homogeneous = cloud.reshape(-1, 3) @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]
-    pixels = (homogeneous[..., :2] / homogeneous[..., 2:]).reshape(len(matrices), len(mean), 7, 2)[camera, marker]
-    centre, plus, minus = pixels[:, 0], pixels[:, 1:4], pixels[:, 4:]
-    bend = plus + minus - 2 * centre[:, None]
-    inverse = np.linalg.inv(factor)[marker]
-    change = np.swapaxes(plus - minus, 1, 2) @ inverse / (2 * np.sqrt(3))
-    return centre + bend.sum(axis=1) / 6, change, np.sum(bend**2, axis=1) / 12
+    seen, spread = matrices[camera], factor[marker]
+    here = (seen[:, :, :3] @ mean[marker, :, None])[..., 0] + seen[:, :, 3]
+    centre, depth = here[:, :2] / here[:, 2:], here[:, 2, None, None]
+    slope = (seen[:, :2, :3] - centre[:, :, None] * seen[:, 2:, :3]) / depth
+    # of a sigma point at depth w (1 + d) the pixel is (slope step) / (1 + d) from the centre, opposite it 1 - d
+    deeper = np.sqrt(3) / depth * (seen[:, 2:, :3] @ spread)
+    curved = slope @ spread * (deeper / (1 - deeper**2))
+    change = slope + (curved * deeper) @ np.linalg.inv(factor)[marker]
+    return centre - curved.sum(axis=2) / np.sqrt(3), change, (curved**2).sum(axis=2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -223,19 +239,7 @@ class WithBodies:
         """Those that are seen, and three rows for each marker that follows."""
         own = self.seen.sights(frame, mean, cov)
         marker = np.flatnonzero(np.isfinite(self.xyz_m[frame, :, 0]))
-        if not len(marker):
-            return own
-        slope = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, marker]))
-        more = Sights(
-            where=np.stack([np.full_like(marker, BODY), marker], axis=1),
-            size=np.full(len(marker), 3),
-            innovation=np.einsum("gij,gj->gi", slope, self.xyz_m[frame, marker] - mean[marker]),
-            slope=slope,
-            sd=np.ones((len(marker), 3)),
-            dof=np.full(len(marker), np.inf),
-            apart=np.zeros(len(marker), dtype=bool),
-        )
-        return Sights(**{name: np.concatenate([value, vars(more)[name]]) for name, value in vars(own).items()})
+        return _with_points(own, BODY, marker, self.xyz_m[frame], self.cov_m2[frame], mean)
 
 
 def some_markers(observations: Observations, markers: NDArray[np.int64]) -> Observations:

@@ -49,8 +49,6 @@ def gate_groups(
         where: Camera and marker of each; of no camera: a position, which is always believed.
         apart: Rays that do not meet another of their marker.
     """
-    if not (far.any() or apart.any()):
-        return ~far
     marker = where[:, 1]
     agreed = np.bincount(marker[far & ~apart], minlength=marker.max() + 1) >= 2
     believed = ~(far & ~agreed[marker] & (where[:, 0] >= 0))
@@ -87,43 +85,43 @@ def observe(
     n_groups, marker = len(sights.size), sights.where[:, 1]
     if not n_groups:
         return markers.state, None, unused(sights)
-    turn, cov, together = markers.view.turn, markers.own, markers.spread
-    scaled = sights.slope / sights.sd[..., None]
-    y = sights.innovation / sights.sd
-    white = scaled if turn is None else scaled @ turn
-    predicted = 1 + np.sum((white @ cov[marker]) * white, axis=2)
-    squared = y**2 / predicted
-    used = gate_groups(squared.sum(axis=1), (squared > gate_sd**2).any(axis=1), sights.where, sights.apart)
+    turn, own = markers.view.turn, markers.own
+    slope = sights.slope if turn is None else (sights.slope.reshape(-1, 3) @ turn).reshape(-1, 3, 3)
+    both = np.concatenate([slope, sights.innovation[..., None]], axis=2) / sights.sd[..., None]
+    white = both[..., :3]
+    squared = both[..., 3] ** 2 / (1 + ((white @ own[marker]) * white).sum(axis=2))
+    far = squared > gate_sd**2
+    used = np.ones(n_groups, dtype=bool)
+    if far.any() or sights.apart.any():
+        used = gate_groups(squared.sum(axis=1), far.any(axis=1), sights.where, sights.apart)
     if not used.any():
         return markers.state, None, unused(sights)
-    both = np.concatenate([white, y[..., None]], axis=2)
-    both = np.swapaxes(both, 1, 2) @ both  # [W y]^T [W y] of each group
-    sums = np.zeros((len(cov), n_groups))  # of the groups of each marker
-    sums[marker, np.arange(n_groups)] = 1
+    squares = (both.swapaxes(1, 2) @ both).reshape(-1, 16)  # [W y]^T [W y] of each group
+    sums = (marker == np.arange(len(own))[:, None]).astype(float)  # of the groups of each marker
     weight = used.astype(float)
     heavy = used & np.isfinite(sights.dof)
     heavy_rounds = rounds if heavy.any() else 0
-    freedom, of, squares = sights.dof[heavy] + sights.size[heavy], marker[heavy], both[heavy].reshape(-1, 16)
-    moments = np.empty((len(cov), 4, 4))
+    dof, of, heavy_squares = sights.dof[heavy], marker[heavy], squares[heavy]
+    freedom = dof + sights.size[heavy]
+    residual = np.ones((len(own), 4, 1))
     for _ in range(heavy_rounds):
-        shift, left = _posterior_markers(_sum(sums, weight, both), together)
-        moments[:, :3, :3] = left + shift[:, :, None] * shift[:, None]
-        moments[:, :3, 3] = moments[:, 3, :3] = -shift
-        moments[:, 3, 3] = 1
-        expected = np.einsum("gk,gk->g", squares, moments.reshape(-1, 16)[of])
-        weight[heavy] = freedom / (sights.dof[heavy] + expected)
+        residual[:, :3, 0], left = _posterior_markers(_sum(sums, weight, squares), markers.spread)
+        residual[:, :3] *= -1
+        moments = residual * residual.swapaxes(1, 2)
+        moments[:, :3, :3] += left
+        weight[heavy] = freedom / (dof + (heavy_squares * moments.reshape(-1, 16)[of]).sum(axis=1))
     information = np.ones(n_groups)
     if heavy_rounds:
         information[heavy] = freedom / (freedom + 2)
         weight *= information
-    summed = _sum(sums, weight, both)
+    summed = _sum(sums, weight, squares)
     values, vectors = np.linalg.eigh(summed[:, :3, :3])
     known = values > 1e-12 * np.maximum(values[:, -1:], 1e-300)  # one ray leaves a direction free
     root = np.sqrt(np.where(known, values, 0.0))
     target = np.einsum("mi,mij->mj", summed[:, :3, 3], vectors) / np.where(known, root, np.inf)
     posterior, update = markers.condition(np.swapaxes(vectors * root[:, None], 1, 2), target, known)
     n_rows = int(sights.size[used].sum())
-    nis = float(summed[:, 3, 3].sum() - np.sum(target**2)) + update.explained
+    nis = float(summed[:, 3, 3].sum() - target.ravel() @ target.ravel()) + update.explained
     log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()
     log_likelihood = -0.5 * (n_rows * np.log(2 * np.pi) + 2 * log_sd + update.log_det + nis)
     nis *= n_rows / float(sights.size[used] @ information[used])  # about n_rows, of rows that follow their law
@@ -136,9 +134,9 @@ def unused(sights: Sights) -> Observed:
     return Observed(sights.where, sights.innovation, np.zeros(len(sights.size)), np.nan, 0, 0.0)
 
 
-def _sum(sums: Array, weight: Array, both: Array) -> Array:
+def _sum(sums: Array, weight: Array, squares: Array) -> Array:
     """(M, 4, 4) weighted sums over the groups of each marker."""
-    return (sums @ (weight[:, None] * both.reshape(len(both), 16))).reshape(-1, 4, 4)
+    return ((sums * weight) @ squares).reshape(-1, 4, 4)
 
 
 def _posterior_markers(summed: Array, together: Array) -> tuple[Array, Array]:
@@ -153,11 +151,7 @@ def _posterior_markers(summed: Array, together: Array) -> tuple[Array, Array]:
         left = np.linalg.solve(np.eye(3) + together @ information, together)
         return np.einsum("mij,mj->mi", left, j), left
     size = len(together)
-    information = information.copy()
-    own = diagonal(information)
-    own += 1e-12 * own.sum(axis=1, keepdims=True)  # one ray leaves a direction free
-    system = (information @ together.reshape(-1, 3, size)).reshape(size, size)
+    system = (information @ together.reshape(-1, 3, size)).reshape(size, size)  # its transpose, as LAPACK has it
     diagonal(system)[...] += 1
-    right = np.concatenate([together, (together @ j.ravel())[None]])  # its transpose, as LAPACK has it in memory
-    _, _, found, _ = dgesv(system.T, right.T, overwrite_a=1, overwrite_b=1)
-    return found[:, -1].reshape(-1, 3), diagonal_blocks(found[:, :-1])
+    _, _, found, _ = dgesv(system.T, together.T, overwrite_a=1)
+    return (found @ j.ravel()).reshape(-1, 3), diagonal_blocks(found)

@@ -41,18 +41,15 @@ def bones_term(bones: Bones, markers: Markers, stiffness: float) -> Term:
     each = markers.spread.reshape(len(view.mean), 3, len(view.mean), 3)
     away = view.mean[a] - view.mean[b]
     spread = each[a, :, a] - each[a, :, b] - each[b, :, a] + each[b, :, b]
-    distance = np.maximum(np.linalg.norm(away, axis=1), 1e-3 * bones.length_m)
+    distance = np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-3 * bones.length_m)
     unit = away / distance[:, None]
-    beside = np.eye(3) - unit[:, :, None] * unit[:, None]
-    cov = beside @ spread @ beside
-    longer = np.trace(cov, axis1=1, axis2=2) / (2 * distance)
-    bent = np.einsum("bij,bij->b", cov, cov) / (2 * distance**2)
-    sd = np.sqrt((bones.sd_m**2 + bent) / stiffness)
+    seen = (spread @ unit[..., None])[..., 0]
+    own = (seen * unit).sum(axis=1)  # variance along the bone
+    longer = (np.einsum("bii->b", spread) - own) / (2 * distance)
+    bent = ((spread**2).sum(axis=(1, 2)) - 2 * (seen**2).sum(axis=1) + own**2) / (2 * distance**2)
+    sd = np.sqrt((bones.sd_m**2 + np.maximum(bent, 0.0)) / stiffness)
     along, bone = np.zeros((len(a), len(view.mean), 3)), np.arange(len(a))
-    along[bone, a], along[bone, b] = unit / sd[:, None], -unit / sd[:, None]
+    along[bone, a] = unit / sd[:, None]
+    along[bone, b] = -along[bone, a]
     along = along.reshape(len(a), -1)
-    rows = np.zeros((len(a), view.reads))
-    rows[:, : view.rows.shape[1]] = along @ view.rows
-    if view.chains is not None:
-        rows[:, view.chains :] = along
-    return Term(rows, along @ markers.gains, (bones.length_m - distance - longer) / sd)
+    return Term(view.combined(along), along @ markers.gains, (bones.length_m - distance - longer) / sd)

@@ -269,7 +269,7 @@ class PoseMotion(MotionModel):
     def view(self, mean: Array, frame: int) -> View:
         """In axes of the body, u = mean + basis z + e moves by du + exp(-w) R^T dp + (exp(-w) J(w) dw) x u.
 
-        J is the left Jacobian: exp(w + dw) = exp(J dw) exp(w) to first order.
+        J is the left Jacobian: exp(w + dw) = exp(J dw) exp(w) to first order; exp(-w) J(w) = J(w)^T.
         """
         g, r = self.parts[1], self.rank
         pose, (w, rotation) = self._pose(mean), (mean[g][3:], self.path.frames.rotation[frame])
@@ -278,7 +278,7 @@ class PoseMotion(MotionModel):
         rows = np.zeros((len(pose), 3, g.stop))
         rows[:, :, :r] = self.subspace.basis.reshape(-1, 3, r)
         rows[:, :, g.start : g.start + 3] = turn.T
-        rows[:, :, g.start + 3 :] = -skew(pose) @ (own.T @ jacobian)
+        rows[:, :, g.start + 3 :] = (skew(pose).reshape(-1, 3) @ -jacobian.T).reshape(-1, 3, 3)
         place = pose @ turn.T + self.path.frames.position_m[frame] + mean[g][:3]
         return View(place, rows.reshape(-1, g.stop), self.chains, turn)
 

@@ -47,7 +47,7 @@ def bones_term(bones: Bones, markers: Markers, stiffness: float) -> Term:
     own = (seen * unit).sum(axis=1)  # variance along the bone
     longer = (np.einsum("bii->b", spread) - own) / (2 * distance)
     bent = ((spread**2).sum(axis=(1, 2)) - 2 * (seen**2).sum(axis=1) + own**2) / (2 * distance**2)
-    sd = np.sqrt((bones.sd_m**2 + np.maximum(bent, 0.0)) / stiffness)
+    sd = np.sqrt((bones.sd_m**2 + np.maximum(bent, 0.0)) / stiffness)  # of a bone that is vague along itself, rounding
     along, bone = np.zeros((len(a), len(view.mean), 3)), np.arange(len(a))
     along[bone, a] = unit / sd[:, None]
     along[bone, b] = -along[bone, a]

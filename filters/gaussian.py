@@ -141,10 +141,10 @@ class Move:
         """F C F^T of a symmetric matrix C (n, n).
 
         What rounding leaves unsymmetric grows with the square of an unstable mode of F, which the shared block may
-        have: that block is made symmetric in each step.
+        have: what is of that block is made symmetric in each step.
         """
         out, s = self._times(self._times(matrix).T), len(self.shared)
-        out[:s, :s] = _symmetric(out[:s, :s])
+        out[:s, :s], out[s:, :s] = _symmetric(out[:s, :s]), out[:s, s:].T
         return out
 
     @property

@@ -26,6 +26,8 @@ from mocap.pipeline.model_file import load_model
 from mocap.records import MarkerTracks
 
 VICON = "Trajectories\n100\n,,A:tip,,,A:root,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n,,mm,mm,mm,mm,mm,mm\n"
+DAMAGED = True
+"""Files are, which are therefore read in processes of their own."""
 TRC = (
     "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n100\t100\t3\t2\tmm\n"
     "Frame#\tTime\ta\t\t\tb\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"

@@ -274,14 +274,6 @@ def test_our_own_refined_points_are_not_audited(mocap, files, tmp_path):
         assert "stored points" not in err
 
 
-@pytest.mark.parametrize("option", [("--pixel-sd", 0), ("--pixel-sd", "nan"), ("--image-height", -5), ("--fps", 0)])
-def test_numbers_that_make_no_sense(mocap, files, tmp_path, option):
-    """The option is named."""
-    code, _, err = mocap(*track_arguments(files, tmp_path / "run"), *option)
-    assert code == 1
-    assert option[0] in err
-
-
 def test_a_recording_in_which_nothing_moves(mocap, files, tmp_path):
     """A frame held still has no motion to learn: it is tracked with constant velocity, and the report says why."""
     table = pd.read_csv(files["pixels"])

@@ -19,7 +19,7 @@ SHOWN = ("result, report", "batch record", "model, header", "potential, settings
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, hdf5_here) -> Iterator[Path]:  # noqa: ARG001 - no tampering damages HDF5 itself
+def folder(tmp_path_factory) -> Iterator[Path]:
     """A sound record of each kind, as the program writes it."""
     path = tmp_path_factory.mktemp("records")
     sound(path)

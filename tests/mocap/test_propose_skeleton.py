@@ -230,7 +230,8 @@ def test_track_takes_the_proposal_of_a_real_bat(mocap, tmp_path):
     with_joints = json.loads((tmp_path / "with" / "report.json").read_text())
     assert not any("mocap skeleton" in finding for finding in with_joints["findings"])
     short = tmp_path / "short_xyzpts.csv"
-    short.write_text("".join(tracks.read_text().splitlines(keepends=True)[:60]))
+    titles, *rows = tracks.read_text().splitlines(keepends=True)
+    short.write_text(titles + "".join([row for row in rows if set(row.strip().split(",")) != {"NaN"}][:60]))
     code, out, err = mocap("track", short, *quick, "--out", tmp_path / "without")
     assert code == 0, err
     assert not (tmp_path / "without" / "potentials").exists()

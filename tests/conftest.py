@@ -111,7 +111,7 @@ SLOW = {
     "mocap/test_format_roundtrips.py": 4,
     "mocap/test_fuzzed_files.py": 6,
     "mocap/test_jumps.py": 5,
-    "mocap/test_learning.py": 30,
+    "mocap/test_learning.py": 38,
     "mocap/test_library.py": 11,
     "mocap/test_likelihoods.py": 4,
     "mocap/test_main_job.py": 30,

@@ -130,7 +130,7 @@ def test_units_in_a_row_of_their_own(tmp_path, lead, unit):
 OVER = ("nose,,,tail,,", ",nose,,,tail,", "nose,nose,nose,tail,tail,tail")
 
 
-@pytest.mark.parametrize(("separator", "over"), zip(",;\t", OVER, strict=True))
+@pytest.mark.parametrize(("separator", "over"), list(zip(",;\t", OVER, strict=True)))
 @pytest.mark.parametrize("axes", ["x,y,z,x,y,z", "X,Y,Z,X,Y,Z", "X1,Y1,Z1,X2,Y2,Z2", "x [mm],y [mm],z [mm]"])
 def test_names_over_axes(tmp_path, separator, over, axes):
     """A name over the first, the middle or each of its columns; frames titled in either row, or none; times; units."""
@@ -199,7 +199,7 @@ CLOCKS = {
 }
 
 
-@pytest.mark.parametrize(("clock", "title"), zip(CLOCKS, cycle(["time", "timestamp", "Time (s)"])))
+@pytest.mark.parametrize(("clock", "title"), list(zip(CLOCKS, cycle(["time", "timestamp", "Time (s)"]))))
 def test_times_of_a_clock(tmp_path, clock, title):
     """Hours, minutes and seconds, with a date or without; after midnight they go on."""
     got = table(tmp_path, [",".join([title, *TITLES]), *rows(lead=lambda t: [CLOCKS[clock](t)])])

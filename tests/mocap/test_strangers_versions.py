@@ -28,7 +28,7 @@ def _read(tmp_path, name, text):
     return read(tmp_path / name)
 
 
-@pytest.mark.parametrize(("word", "separator"), zip(sorted(MISSING_WORDS), cycle(",;")))
+@pytest.mark.parametrize(("word", "separator"), list(zip(sorted(MISSING_WORDS), cycle(",;"))))
 def test_words_for_a_missing_number(tmp_path, word, separator):
     """R, pandas, Java, spreadsheets and C's printf each write a missing number in their own way."""
     titles = separator.join(["frame", *(f"{name}_{axis}" for name in "ab" for axis in "xyz")])

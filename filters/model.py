@@ -20,7 +20,7 @@ from mocap.filters.hidden_gaps import (
     own_gaps,
 )
 from mocap.filters.hide import gap_lengths, nearest_length
-from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals, with_own_widths
+from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
@@ -199,7 +199,7 @@ def track_alone(
         return None
     every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress, call_all)
     residuals = tuple(replace(part, length=nearest_length(part.length)) for part in residuals)
-    return every.mixed(with_own_widths(learn_mixture(residuals), residuals))
+    return every.mixed(learn_mixture(residuals))
 
 
 def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
@@ -331,7 +331,7 @@ def track_with(
 ) -> MixedTrack:
     """Track a recording by all models of a learned one, and mix what they say.
 
-    The mixture's intervals are widened until they hold in gaps that are hidden in the recording itself. The last
+    The mixture's intervals are those that gaps hidden in trials and in the recording itself show. The last
     model stands in for one that this recording cannot be modelled by, as where it has no marker of a limb.
 
     Args:

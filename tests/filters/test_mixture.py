@@ -8,6 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.hide import gap_lengths
 from mocap.filters.mixture import Mixture, learn_mixture
+from mocap.filters.model import Members
+from mocap.filters.observations import WHOLE
+from mocap.filters.observe import Observed
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.records import Estimate
 from mocap.filters.score import Residuals
 
 LENGTHS = np.array([10.0, 25.0, 50.0, 100.0])
@@ -359,3 +364,37 @@ def test_a_model_that_fails_in_a_recording_weighs_less_there():
     weight = own.weights((own.scale[0] ** 2)[:, None], np.array([10]))
     before = mixed.weights((mixed.scale[0] ** 2)[:, None], np.array([10]))
     assert weight[1] / weight[0] / (before[1] / before[0]) == pytest.approx(4.0**-2, rel=0.2)
+
+
+def test_what_was_refused_is_no_surer_than_what_was_not_seen():
+    """Six frames of one marker were refused, those of another were not seen: both are as uncertain, 6 times as stated.
+
+    Where a second model, very sure of itself, believed what was refused, positions stay those of the one that did not.
+    """
+    frames, seen = np.arange(20), np.ones((20, 2), dtype=bool)
+    gap = (frames >= 7) & (frames < 13)
+    seen[gap, 1] = False
+    xyz = np.where(seen[..., None], 1.0, np.nan) * np.ones(3)
+    trial = MarkerTrial(name="a", t_s=frames / 100, xyz_m=xyz, sd_m=np.full((20, 2), 1e-3))
+    observed = [
+        Observed(
+            where=np.array([[WHOLE, m] for m in np.flatnonzero(seen[t])]),
+            innovation=np.zeros((seen[t].sum(), 3)),
+            weight=np.ones(seen[t].sum()) * ~gap[t],
+            nis=0.0,
+            n_rows=3,
+            log_likelihood=0.0,
+        )
+        for t in frames
+    ]
+    cov = np.broadcast_to(1e-6 * np.eye(3), (20, 2, 3, 3))
+    pose = Estimate(xyz_m=np.zeros((20, 2, 3)), cov_m2=cov, observed=observed)
+    other = Estimate(xyz_m=np.ones((20, 2, 3)), cov_m2=1e-6 * cov)
+    rng = np.random.default_rng(19)
+    alone = Members(found=(pose,), recording=trial)
+    found = alone.mixed(mixture(1, rng, scale=np.full((4, 1), 2.0), widen=3.0)).markers
+    np.testing.assert_allclose(found.cov_m2[gap], 36 * cov[gap], rtol=1e-12)
+    np.testing.assert_array_equal(found.cov_m2[~gap], cov[~gap])
+    both = Members(found=(other, pose), recording=trial).mixed(mixture(2, rng, widen=3.0)).markers
+    np.testing.assert_array_equal(both.xyz_m[:, 0], 0)
+    np.testing.assert_allclose(both.cov_m2[gap, 0], 9 * cov[gap, 0], rtol=1e-12)

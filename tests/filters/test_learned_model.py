@@ -84,11 +84,11 @@ def test_a_wing_is_filled_far_better_than_by_constant_velocity(filled):
 def test_intervals_hold_the_truth(filled):
     """88 % or more of the coordinates in gaps of flights that were not learned from lie inside 95 % intervals.
 
-    Of a model of two flights these are wide, but less than twice as wide as they should be.
+    Of a model of two flights, learned on five gaps, they are wide: z of these four gaps is 0.76 (1 is right).
     """
     z = np.concatenate([(miss / sd).ravel() for miss, _, sd, _, _ in filled])
     assert np.mean(np.abs(z) <= 1.959964) >= 0.88
-    assert np.sqrt(np.mean(z**2)) > 0.5
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.2
 
 
 def test_what_is_seen_is_kept(filled, flights):

@@ -19,7 +19,9 @@ from mocap.digitising.films import Films, open_films
 from mocap.digitising.overlays import ellipses, epipolar_lines, listed
 from mocap.errors import MocapError
 from mocap.io.movies import FILMS
-from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing, straightened
+from mocap.pipeline.by_hand import errors_left, straightened, with_hand
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing
 from mocap.pipeline.recording import Recording, with_ideal_pixels
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
@@ -224,6 +226,12 @@ class Proof:
             return np.full_like(self.tracks.xyz_m, np.nan) if self.raw.points is None else self.raw.xyz_m
         return linear(stacked(self.raw.cameras), self.raw.ideal_px)
 
+    @cached_property
+    def _cleaned(self) -> tuple[Recording, float]:
+        """The recording without edits, cleaned as for tracking, and how long errors of its rays last."""
+        found = clean(self.raw)
+        return found, errors_left(found)
+
     def places(self) -> list[Place]:
         """What is to be looked at next, by how much a correction would settle."""
         return places(self.tracks, self._measured, self.recording.edited)
@@ -270,6 +278,7 @@ class Proof:
             for array in (xyz, cov, status):
                 array[run, which] = array[run, which[::-1]]
         elif back:
+            run = slice(max(0, first - AROUND), last + 1 + AROUND)
             for array, old in zip((xyz, cov, status), (whole.xyz_m, whole.cov_m2, whole.status), strict=True):
                 array[run, which] = old[run][:, which]
         elif len(spans) > 1:
@@ -277,22 +286,30 @@ class Proof:
         changed = self.recording.edited
         # names that the program put right stand otherwise in the files: there the result stays as it is
         named = (self.result.repaired == 1) & ~changed
-        recording = self.recording
-        if recording.pixels is not None and named.any():
-            recording = recording.having(pixels=np.where(named[..., None], np.nan, recording.pixels.uv_px))
+        recording, cleaned, moved = self.recording, None, np.zeros(changed.shape, dtype=bool)
+        if self.raw.rows is not None:
+            bare, left = self._cleaned
+            cleaned = with_hand(bare, recording, left=left)
+            moved = (cleaned.xyz_m != bare.xyz_m).any(axis=-1)
         said = ""
         for span in spans:
             try:
                 window, found = resolved(
-                    recording, tracks, sd_px=self._sd_px, markers=which.tolist(), first=span[0], last=span[1]
+                    recording,
+                    tracks,
+                    sd_px=self._sd_px,
+                    markers=which.tolist(),
+                    first=span[0],
+                    last=span[1],
+                    cleaned=cleaned,
                 )
             except MocapError as error:  # one ray alone: it is kept, and settles something with the next
                 said = f"; {error}"
                 continue
             frames = np.arange(len(status))[window]
             near = (frames[:, None] >= span[0]) & (frames[:, None] <= span[1])
-            # measured samples beside it stay as all markers together have them
-            new = near | changed[window][:, which] | (status[window][:, which] != Status.MEASURED)
+            # measured samples beside it that it says nothing of stay as all markers together have them
+            new = near | (changed | moved)[window][:, which] | (status[window][:, which] != Status.MEASURED)
             new &= (np.isfinite(found.xyz_m[..., 0]) | near) & ~named[window][:, which]
             for array, value in zip((xyz, cov, status), (found.xyz_m, found.cov_m2, found.status), strict=True):
                 old = array[np.ix_(frames, which)]

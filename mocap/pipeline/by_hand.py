@@ -63,7 +63,7 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
     sd, apart = hand_sd(matrices, hand, usual_px=usual)
     left = errors_left(recording) if left is None else left
     raw = np.where(np.isfinite(uv), recording.ideal_px, np.nan)
-    error, variance, share = carried(raw, recording.ray_sd_px, hand, hand_sd_px=sd, left=left)
+    error, variance, share = carried(raw, recording.ray_sd_px, hand, hand_sd_px=sd, left=left, dt_s=recording.dt_s)
     own = np.where(placed[..., None], hand, raw - error - (1 - share.max(axis=0))[..., None] * (raw - uv))
     shown = np.nan_to_num(np.sum((own - uv) ** 2, axis=-1)) + variance > LEAST_PX**2
     uv, variance = np.where((shown | placed)[..., None], own, uv), np.where(shown, variance, 0.0)

@@ -144,16 +144,16 @@ def test_errors_last_with_a_probability_and_end():
     hand = np.full_like(uv, np.nan)
     hand[0, 20, 0] = (2.0, 1.0)
     sd, left = np.full(uv.shape[:3], 1e-6), 0.9
-    mean, variance, share = carried(uv, sd, hand, hand_sd_px=1e-6, left=left)
+    mean, variance, share = carried(uv, sd, hand, hand_sd_px=1e-6, left=left, dt_s=0.01)
     rho = left ** np.abs(np.arange(41) - 20)
     np.testing.assert_allclose(mean[0, :, 0], rho[:, None] * [3.0, 4.0], rtol=1e-6)
     np.testing.assert_allclose(variance[0, :, 0], rho * (1 - rho) * 25 / 2, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(share[0, :, 0], rho, rtol=1e-9)
     hand[0, 10, 0] = (2.0, 1.0)
-    mean, *_ = carried(uv, sd, hand, hand_sd_px=1e-6, left=left)
+    mean, *_ = carried(uv, sd, hand, hand_sd_px=1e-6, left=left, dt_s=0.01)
     np.testing.assert_allclose(mean[0, 15, 0, 0], 3.0 * 2 * left**5 / (1 + left**10), rtol=1e-6)  # of e on both sides
     hand[0, [10, 20], 0] = 5.0 + 0.1
-    mean, variance, _ = carried(uv, sd, hand, hand_sd_px=0.1, left=left)
+    mean, variance, _ = carried(uv, sd, hand, hand_sd_px=0.1, left=left, dt_s=0.01)
     assert not mean.any()
     assert not variance.any()
 

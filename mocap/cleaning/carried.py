@@ -14,14 +14,14 @@ ERROR = 5.0
 
 
 def hand_sd(matrices: Array, hand_px: Array, *, usual_px: float) -> tuple[float, NDArray[np.bool_]]:
-    """Standard deviation of a coordinate of a person's clicks, and (T, M) points at which these contradict each other.
+    """Standard deviation of a coordinate of a person's clicks, and (...) points at which these contradict each other.
 
     The mean square of what is left of clicks that meet, with ``SHRINK`` more errors of the usual deviation: a person's
     clicks are few.
 
     Args:
         matrices: (C, 3, 4) projections.
-        hand_px: (C, T, M, 2) ideal pixels of the clicks; NaN elsewhere.
+        hand_px: (C, ..., 2) ideal pixels of the clicks; NaN elsewhere.
         usual_px: Deviation of the recording's own.
     """
     free = np.maximum(2 * np.isfinite(hand_px[..., 0]).sum(axis=0) - 3, 0)
@@ -83,7 +83,8 @@ def _paths(uv_px: Array, sd_px: Array, at: NDArray[np.int64], dt_s: float) -> tu
     """
     seen = np.isfinite(uv_px[:, 0])
     weight = np.where(seen, (np.min(sd_px[seen]) / sd_px) ** 2, 0.0)
-    alone = np.eye(len(uv_px))[:, at]
+    alone = np.zeros((len(uv_px), len(at)))
+    alone[at, np.arange(len(at))] = 1.0
     smooth = smooth_series(np.hstack([uv_px, alone]), weight, dt_s=dt_s, cutoff_hz=fastest_hz(dt_s))
     own = smooth[at, 2 + np.arange(len(at))]
     path = (smooth[at, :2] - own[:, None] * np.nan_to_num(uv_px[at])) / (1 - own)[:, None]

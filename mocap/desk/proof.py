@@ -2,6 +2,7 @@
 
 import getpass
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -110,6 +111,7 @@ class Proof:
         log: The file of the edits.
         films: Its films, if there are any.
         edits: All lines of the log.
+        ahead: The recording being cleaned while a person looks; None: that is done at the first correction.
         pending: Edits that nothing was solved with yet, and whether they were taken back.
         recording: ``raw`` with the edits.
         tracks: The result, with what the corrections since have settled.
@@ -120,6 +122,7 @@ class Proof:
     result: Tracked
     log: Path
     films: Films | None = None
+    ahead: Future | None = None
     edits: list[Edit] = field(default_factory=list)
     pending: list[tuple[Edit, bool]] = field(default_factory=list)
 
@@ -228,9 +231,7 @@ class Proof:
 
     @cached_property
     def _cleaned(self) -> tuple[Recording, float]:
-        """The recording without edits, cleaned as for tracking, and how long errors of its rays last."""
-        found = clean(self.raw)
-        return found, errors_left(found)
+        return _cleaned(self.raw) if self.ahead is None else self.ahead.result()
 
     def places(self) -> list[Place]:
         """What is to be looked at next, by how much a correction would settle."""
@@ -357,6 +358,12 @@ class Proof:
         }
 
 
+def _cleaned(raw: Recording) -> tuple[Recording, float]:
+    """A recording without edits, cleaned as for tracking, and how long errors of its rays last."""
+    found = clean(raw)
+    return found, errors_left(found)
+
+
 def _user() -> str:
     try:
         return getpass.getuser()
@@ -377,7 +384,8 @@ def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> P
     raw = with_ideal_pixels(recording) if filmed else recording
     edits = read_edits(log) if log.is_file() else []
     films = films_beside(raw) if filmed else None
-    return Proof(name=name, raw=raw, result=result, log=log, films=films, edits=edits)
+    ahead = ThreadPoolExecutor(1).submit(_cleaned, raw) if filmed else None
+    return Proof(name=name, raw=raw, result=result, log=log, films=films, edits=edits, ahead=ahead)
 
 
 def films_beside(recording: Recording) -> Films | None:

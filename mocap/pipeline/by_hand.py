@@ -42,7 +42,7 @@ def errors_left(recording: Recording) -> float:
     return share_left(recording.matrices, believed, recording.xyz_m, relative=relative)
 
 
-def with_hand(recording: Recording, edited: Recording, *, left: float | None = None) -> Recording:
+def with_hand(recording: Recording, edited: Recording, *, left: float | None = None, first: int = 0) -> Recording:
     """A recording that was cleaned without what a person placed, with it.
 
     A placed marker is where its clicks meet: they have the deviation of a person's clicks, and no other ray or motion
@@ -54,13 +54,15 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
         recording: Cleaned, of pixels as ``without_hand`` has them.
         edited: The same as it was read, with what a person placed.
         left: ``errors_left`` of the recording, where it is known.
+        first: Frames of a longer recording before these.
     """
     hand = _placed(recording, edited)
     placed = np.isfinite(hand[..., 0])
-    if not placed.any():
+    there = placed.any(axis=0)
+    if not there.any():
         return recording
     matrices, uv, usual = recording.matrices, recording.uv_px, recording.jitter_px
-    sd, apart = hand_sd(matrices, hand, usual_px=usual)
+    sd, apart = hand_sd(matrices, hand[:, there], usual_px=usual)
     left = errors_left(recording) if left is None else left
     raw = np.where(np.isfinite(uv), recording.ideal_px, np.nan)
     error, variance, share = carried(raw, recording.ray_sd_px, hand, hand_sd_px=sd, left=left, dt_s=recording.dt_s)
@@ -70,7 +72,6 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
     ray_sd, ray_scale = (
         np.where(placed, sd, np.sqrt(own**2 + variance)) for own in (recording.ray_sd_px, recording.ray_scale_px)
     )
-    there = placed.any(axis=0)
     moved = shown.any(axis=0) & ~there
     found = triangulate.robust(
         matrices, uv[:, None, there], sd_px=sd, relative=ray_sd[:, None, there] / sd, certain=placed[:, None, there]
@@ -95,7 +96,10 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
         ray_rejected=rays_rejected,
         rejected={reason: mask & ~there for reason, mask in recording.rejected.items()},
     )
-    return replace(done, findings=(*done.findings, *sentences.hand_findings(apart, recording.names)))
+    return replace(
+        done,
+        findings=(*done.findings, *sentences.hand_findings(np.argwhere(there)[apart], recording.names, first=first)),
+    )
 
 
 def _placed(recording: Recording, edited: Recording) -> Array:

@@ -58,7 +58,7 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
     if not recording.filmed:
         return _positions(recording, _seen_points(recording), first)
     done = _film(with_ideal_pixels(without_hand(recording)), first)
-    return with_hand(done, recording)
+    return with_hand(done, recording, first=first)
 
 
 def _seen_points(recording: Recording) -> MarkerTracks:

@@ -245,11 +245,11 @@ def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) ->
     ]
 
 
-def hand_findings(apart: NDArray[np.bool_], names: Sequence[str]) -> list[Finding]:
-    """Samples (T, M) at which places that a person gives in several cameras contradict each other."""
-    if not apart.any():
+def hand_findings(apart: NDArray[np.int64], names: Sequence[str], *, first: int = 0) -> list[Finding]:
+    """Frames and markers (n, 2) at which places that a person gives in several cameras contradict each other."""
+    if not len(apart):
         return []
-    where = [(int(t) + 1, names[m]) for t, m in np.argwhere(apart)]
+    where = [(first + int(t) + 1, names[m]) for t, m in apart]
     told = ", ".join(f"{name} in frame {frame}" for frame, name in where[:MOST])
     return [
         Finding(

@@ -28,11 +28,15 @@ def _without_lens(recording: Recording, uv_px: Array) -> Array:
 
 
 def without_hand(recording: Recording) -> Recording:
-    """The recording with the pixels of its file where a person placed markers; exchanges and deletions stay."""
+    """The recording with the pixels of its file where a person placed markers; exchanges and deletions stay.
+
+    Where the file shows no point by itself, all that a person placed stays, too.
+    """
     if not recording.by_hand.any():
         return recording
     uv, own = recording.data["pixels"].values, recording.data["overruled"].values
-    return recording.having(pixels=np.where(recording.by_hand[..., None], own, uv))
+    rest = np.where(recording.by_hand[..., None], own, uv)
+    return recording.having(pixels=rest) if (np.isfinite(rest[..., 0]).sum(axis=0) >= 2).any() else recording
 
 
 def errors_left(recording: Recording) -> float:
@@ -70,7 +74,7 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
     shown = np.nan_to_num(np.sum((own - uv) ** 2, axis=-1)) + variance > LEAST_PX**2
     uv, variance = np.where((shown | placed)[..., None], own, uv), np.where(shown, variance, 0.0)
     ray_sd, ray_scale = (
-        np.where(placed, sd, np.sqrt(own**2 + variance)) for own in (recording.ray_sd_px, recording.ray_scale_px)
+        np.where(placed, sd, np.sqrt(each**2 + variance)) for each in (recording.ray_sd_px, recording.ray_scale_px)
     )
     moved = shown.any(axis=0) & ~there
     found = triangulate.robust(

@@ -120,6 +120,16 @@ def test_places_that_contradict_each_other_are_told():
     assert not [f for f in clean(edited(recording, placed(scene()[1], MIDDLE))).findings if f.kind == told[0].kind]
 
 
+def test_a_recording_that_is_all_by_hand():
+    """A file without a point, in which a person placed two markers in all cameras: they are where he placed them."""
+    recording, right, xyz = scene()
+    empty = recording.having(pixels=np.full(right.shape, np.nan))
+    edits = [edit for frame in range(20) for m in (0, 1) for edit in placed(right, frame, m, cameras=(0, 1, 2))]
+    done = clean(edited(empty, edits))
+    np.testing.assert_allclose(done.xyz_m[:20, :2], xyz[:20, :2], atol=1e-6)
+    assert (done.tracks.status[:20, :2] == Status.MEASURED).all()
+
+
 def test_names_that_a_person_exchanged_stay_exchanged():
     """In frames in which every path says otherwise."""
     recording, _, xyz = scene((0.0, 0.0))

@@ -249,7 +249,7 @@ def hand_findings(apart: NDArray[np.int64], names: Sequence[str], *, first: int 
     """Frames and markers (n, 2) at which places that a person gives in several cameras contradict each other."""
     if not len(apart):
         return []
-    where = [(first + int(t) + 1, names[m]) for t, m in apart]
+    where = [(first + int(t) + 1, names[int(m)]) for t, m in apart]
     told = ", ".join(f"{name} in frame {frame}" for frame, name in where[:MOST])
     return [
         Finding(

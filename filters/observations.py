@@ -33,6 +33,7 @@ class Sights:
         sd: (g, 3) standard deviations, that of the linearisation included.
         dof: (g,) degrees of freedom of Student's t that the errors follow; infinite where they are normal.
         apart: (g,) rays that do not meet another one of their marker: of such at most one is right.
+        by_hand: (g,) what a person states, which is believed wherever it is; False: nothing is.
     """
 
     where: NDArray[np.int64]
@@ -42,6 +43,7 @@ class Sights:
     sd: Array
     dof: Array
     apart: NDArray[np.bool_]
+    by_hand: NDArray[np.bool_] | bool = False
 
 
 def seen_from(sights: Sights, shift: Array) -> Sights:
@@ -86,6 +88,7 @@ class PixelObservations:
         cov_m2: (T, M, 3, 3) their covariance.
         wide_m: Standard deviation of a marker coordinate above which pixels are not used directly.
         dof: (C,) degrees of freedom of Student's t; None: errors are normal.
+        by_hand: (C, T, M) rays that a person placed, whose errors are normal; None: none.
     """
 
     matrices: Array
@@ -95,6 +98,7 @@ class PixelObservations:
     cov_m2: Array
     wide_m: float
     dof: Array | None = None
+    by_hand: NDArray[np.bool_] | None = None
 
     @property
     def n_frames(self) -> int:
@@ -121,6 +125,7 @@ class PixelObservations:
         wide = np.einsum("mii->m", cov) > 3 * self.wide_m**2
         camera, marker = np.nonzero(self._seen[:, frame] & ~wide)
         n = len(camera)
+        by_hand = np.zeros(n, dtype=bool) if self.by_hand is None else self.by_hand[camera, frame, marker]
         innovation, slope, sd = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.ones((n, 3))
         predicted, slope[:, :2], error = linearised_pixels(self.matrices, mean, cov, camera, marker)
         innovation[:, :2] = self.uv_px[camera, frame, marker] - predicted
@@ -131,8 +136,9 @@ class PixelObservations:
             innovation=innovation,
             slope=slope,
             sd=sd,
-            dof=np.full(n, np.inf) if self.dof is None else self.dof[camera],
+            dof=np.full(n, np.inf) if self.dof is None else np.where(by_hand, np.inf, self.dof[camera]),
             apart=self._apart[frame, marker],
+            by_hand=by_hand,
         )
         points = np.flatnonzero(wide & self._met[frame])
         return _with_points(rays, WHOLE, points, self.xyz_m[frame], self.cov_m2[frame], mean)
@@ -153,6 +159,7 @@ def _with_points(
         sd=np.ones((len(marker), 3)),
         dof=np.full(len(marker), np.inf),
         apart=np.zeros(len(marker), dtype=bool),
+        by_hand=np.zeros(len(marker), dtype=bool),
     )
     return Sights(**{name: np.concatenate([value, vars(more)[name]]) for name, value in vars(sights).items()})
 
@@ -213,6 +220,7 @@ class PositionObservations:
             sd=np.repeat(self.sd_m[frame, marker, None], 3, axis=1),
             dof=np.full(len(marker), np.inf),
             apart=np.zeros(len(marker), dtype=bool),
+            by_hand=np.zeros(len(marker), dtype=bool),
         )
 
 
@@ -260,5 +268,6 @@ def some_markers(observations: Observations, markers: NDArray[np.int64]) -> Obse
             sd_px=observations.sd_px[:, :, markers],
             xyz_m=observations.xyz_m[:, markers],
             cov_m2=observations.cov_m2[:, markers],
+            by_hand=None if observations.by_hand is None else observations.by_hand[:, :, markers],
         )
     raise TypeError(f"expected pixels or positions, not {type(observations).__name__}")

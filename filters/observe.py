@@ -49,6 +49,8 @@ def gate_groups(
         where: Camera and marker of each; of no camera: a position, which is always believed.
         apart: Rays that do not meet another of their marker.
     """
+    if not (far.any() or apart.any()):
+        return ~far
     marker = where[:, 1]
     agreed = np.bincount(marker[far & ~apart], minlength=marker.max() + 1) >= 2
     believed = ~(far & ~agreed[marker] & (where[:, 0] >= 0))
@@ -76,7 +78,7 @@ def observe(
         markers: Those of the predicted state.
         sights: What is seen.
         gate_sd: Groups with a row further off than this many standard deviations are not believed (``gate_groups``);
-            a measured position always is.
+            a measured position always is, and what a person states.
         rounds: Reweightings of Student-t groups.
 
     Returns:
@@ -90,10 +92,8 @@ def observe(
     both = np.concatenate([slope, sights.innovation[..., None]], axis=2) / sights.sd[..., None]
     white = both[..., :3]
     squared = both[..., 3] ** 2 / (1 + ((white @ own[marker]) * white).sum(axis=2))
-    far = squared > gate_sd**2
-    used = np.ones(n_groups, dtype=bool)
-    if far.any() or sights.apart.any():
-        used = gate_groups(squared.sum(axis=1), far.any(axis=1), sights.where, sights.apart)
+    far = (squared > gate_sd**2).any(axis=1) & np.logical_not(sights.by_hand)
+    used = gate_groups(squared.sum(axis=1), far, sights.where, sights.apart)
     if not used.any():
         return markers.state, None, unused(sights)
     squares = (both.swapaxes(1, 2) @ both).reshape(-1, 16)  # [W y]^T [W y] of each group

@@ -119,7 +119,7 @@ def test_frames_without_anything_show_nothing(sd_m):
     empty = PositionObservations(xyz_m=np.full((1, 2, 3), np.nan), sd_m=np.ones((1, 2)))
     for nothing in (blank, empty):
         sights = nothing.sights(0, *known(np.zeros((2, 3)), sd_m))
-        assert [len(x) for x in vars(sights).values()] == [0] * 7
+        assert not any(len(x) for x in vars(sights).values())
     single = np.ones(seen.uv_px.shape[:3], dtype=bool)
     single[0] = False
     assert len(hide(seen, single).sights(0, *known(np.zeros((2, 3)), sd_m)).where) == (0 if sd_m > 1 else 2)

@@ -266,6 +266,48 @@ def point_recording(
     )
 
 
+def table_recording(
+    path: Path,
+    format: str,
+    *,
+    tables: Mapping[str, Array],
+    names: Sequence[str] = (),
+    frames: NDArray[np.int64] | None = None,
+    **parts: object,
+) -> FileContents:
+    """Tables alone, a row a frame; other parts as fields of the recording are.
+
+    Args:
+        path: The file.
+        format: Its format.
+        tables: As ``FileContents.tables``, all of T rows.
+        names: The M markers.
+        frames: (T,) frame numbers; None: from 1 on.
+        **parts: Other fields of the recording.
+    """
+    frames = 1 + np.arange(len(next(iter(tables.values())))) if frames is None else frames
+    return FileContents(
+        format=format,
+        paths=(path,),
+        names=tuple(names),
+        frames=frames,
+        tables=tables,
+        **parts,  # type: ignore[arg-type]
+    )
+
+
+def calibration_recording(path: Path, format: str, cameras: tuple[Camera, ...], **parts: object) -> FileContents:
+    """Cameras alone; other parts as fields of the recording are."""
+    names = tuple(camera.name for camera in cameras)
+    return FileContents(
+        format=format,
+        paths=(path,),
+        camera_names=names,
+        cameras=cameras,
+        **parts,  # type: ignore[arg-type]
+    )
+
+
 def points_of(path: Path, recording: FileContents) -> MarkerTracks:
     """The positions of a recording that is to be written.
 

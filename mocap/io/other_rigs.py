@@ -21,8 +21,7 @@ from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.encoding import decoded
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents
-from mocap.io.dltdv_files import calibration_recording
+from mocap.io.contents import FileContents, calibration_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 

@@ -17,8 +17,8 @@ from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError, FormatError
 from mocap.io import lines
-from mocap.io.contents import FileContents
-from mocap.io.dltdv_files import calibration_recording, is_number_row
+from mocap.io.contents import FileContents, calibration_recording
+from mocap.io.dltdv_files import is_number_row
 from mocap.io.easywand import read_tform
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head, head

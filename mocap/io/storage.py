@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, point_recording
+from mocap.io.contents import FileContents, point_recording, table_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import numbers, points, read_lines
@@ -58,11 +58,10 @@ def _read(path: Path, _hints: Hints) -> FileContents:
             t_s=values[:, 0], findings=tuple(findings),
         )  # fmt: skip
     angles = {"yes": "angles are in degrees", "no": "angles are in radians"}.get(said.get("inDegrees", "").lower())
-    return FileContents(
-        format="opensim-storage",
-        paths=(path,),
-        names=tuple(names),
-        frames=1 + np.arange(len(values)),
+    return table_recording(
+        path,
+        "opensim-storage",
+        names=names,
         fps=fps,
         tables={"quantities": values[:, 1:], "time_s": values[:, 0]},
         findings=(*findings, "coordinates, forces or states, not positions", *([angles] if angles else [])),

@@ -15,7 +15,7 @@ from mocap.datasets.observe import WIND_TUNNEL, Digitiser
 from mocap.datasets.occlusion import Solid
 from mocap.datasets.recording import SyntheticRecording
 from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
-from mocap.datasets.scene import Motion, Scene, frame_times, start_times
+from mocap.datasets.scene import Motion, Scene
 from mocap.datasets.wander import draw_wander, skin_motion
 
 from eal.arrays import Array
@@ -78,32 +78,28 @@ def make_bat(
     Raises:
         ValueError: fewer than 2 cameras or 1 frame, or a rate that is not positive.
     """
-    digitiser = digitiser or Digitiser()
     rig = f"flight tunnel, {n_cameras} wide action cameras with {lens} lenses"
     if cameras is None:
         cameras = tunnel_cameras(n_cameras, lens=lens)
     else:
         rig = f"{len(cameras)} cameras given by the caller"
-    _, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
     card = {
-        "name": "bat",
         "species": f"bat of 30 g and 0.34 m span, {'level flight' if manoeuvre == 'level' else 'U-turns'}",
         "rig": rig,
-        "seed": seed,
         "wing_beat_hz": BEAT_HZ,
         "skin_m": skin_m,
         "rolling": rolling,
     }
     return film(
         bat_motion(seed, skin_m=skin_m, rolling=rolling, folding=folding, manoeuvre=manoeuvre),
-        frame_times(n_frames, fps),
         cameras,
         name="bat",
+        seed=seed,
+        n_frames=n_frames,
         fps=fps,
-        start_s=start_times(starts_seed, len(cameras), start_spread_frames / fps),
-        digitiser=digitiser,
-        rng=np.random.default_rng(clicks_seed),
+        digitiser=digitiser or Digitiser(),
         card=card,
+        start_spread_frames=start_spread_frames,
     )
 
 

@@ -9,7 +9,7 @@ from mocap.datasets.observe import Digitiser
 from mocap.datasets.pendulums import GRAVITY_M_S2, Pendulum, pendulum_motion
 from mocap.datasets.recording import SyntheticRecording
 from mocap.datasets.rig import aimed
-from mocap.datasets.scene import Scene, frame_times
+from mocap.datasets.scene import Scene
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera
@@ -47,24 +47,20 @@ def make_pendulum_film(
     Returns:
         The recording, with its truth: markers ``top``, ``front``, ``side``, ``pivot``, ``bob``.
     """
-    digitiser = digitiser or Digitiser(bursts_per_s=1.5, burst_frames=(10, 40))
-    _, clicks = np.random.SeedSequence(seed).spawn(2)
     return film(
         partial(_scene, kind=kind, swing_rad=swing_rad, azimuth_rad=azimuth_rad),
-        frame_times(n_frames, fps),
         _cameras(),
         name=f"{kind}_pendulum",
+        seed=seed,
+        n_frames=n_frames,
         fps=fps,
-        start_s=np.zeros(4),
-        digitiser=digitiser,
-        rng=np.random.default_rng(clicks),
+        digitiser=digitiser or Digitiser(bursts_per_s=1.5, burst_frames=(10, 40)),
         card={
             "name": f"{kind} pendulum on a stand",
             "length_m": 1.0,
             "mass_kg": 1.0,
             "gravity_m_s2": GRAVITY_M_S2,
             "rig": "four cameras, 3 m from the pivot",
-            "seed": seed,
         },
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, decompose, stacked, undistorted
+from mocap.cameras.camera import Camera, picture_size, stacked, undistorted
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 
@@ -262,8 +262,7 @@ def _toggled(kind: str) -> str:
 
 def _sizes(cameras: Sequence[Camera], height_px: float | None) -> Array:
     """(C, 2) picture widths and heights: stated, or twice the principal point."""
-    centres = np.array([decompose(c).intrinsic[:2, 2] for c in cameras])
-    sizes = np.array([c.size_px or 2 * centre for c, centre in zip(cameras, centres, strict=True)], dtype=float)
+    sizes = np.array([picture_size(camera) for camera in cameras])
     if height_px is not None:
         sizes[:, 1] = height_px
     return sizes

@@ -109,7 +109,7 @@ def _camera(path: Path, key: str, section: Any) -> Camera:
         intrinsic=matrix,
         rotation=rotation,
         translation_m=shift,
-        lens=None if lens.is_identity else lens,
+        lens=lens.if_bent,
         size_px=(int(size[0]), int(size[1])),
     )
 

@@ -11,7 +11,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
-from mocap.io.lines import frame_numbers, numbers, points, read_lines
+from mocap.io.lines import frame_numbers, numbers, read_lines
 from mocap.io.matlab import variables
 from mocap.io.optical import rate
 from mocap.io.rigid import fixed_markers
@@ -68,7 +68,7 @@ def read_tsv(path: Path) -> FileContents:
         path,
         "qualisys-tsv",
         names=names,
-        xyz=points(values[:, 2:], unit_m=1.0),
+        xyz=values[:, 2:],
         unit="mm",
         frames=frame_numbers(path, values[:, 0], first_line=start + 1),
         fps=fps,

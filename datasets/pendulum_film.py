@@ -31,7 +31,6 @@ def make_pendulum_film(
     fps: float = 100.0,
     swing_rad: float = np.pi / 6,
     azimuth_rad: float = 0.0,
-    digitiser: Digitiser | None = None,
 ) -> SyntheticRecording:
     """A pendulum of 1 m and 1 kg before four cameras.
 
@@ -42,7 +41,6 @@ def make_pendulum_film(
         fps: Frames a second.
         swing_rad: Angle above the horizontal at which the planar pendulum is released at rest.
         azimuth_rad: Turn of the spherical pendulum's start about the vertical.
-        digitiser: Quality of the digitising; None: a human's with losses of the marker in all cameras.
 
     Returns:
         The recording, with its truth: markers ``top``, ``front``, ``side``, ``pivot``, ``bob``.
@@ -54,7 +52,7 @@ def make_pendulum_film(
         seed=seed,
         n_frames=n_frames,
         fps=fps,
-        digitiser=digitiser or Digitiser(bursts_per_s=1.5, burst_frames=(10, 40)),
+        digitiser=Digitiser(bursts_per_s=1.5, burst_frames=(10, 40)),  # lost in all cameras at times
         card={
             "name": f"{kind} pendulum on a stand",
             "length_m": 1.0,

@@ -75,7 +75,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
     return found
 
 
-def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int = 3000) -> list[Finding]:
+def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     """Cameras that do not belong to the pixels.
 
     With three cameras or more, each is left out: where the rays of the others then meet four times as near, and clearly
@@ -84,9 +84,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
     Args:
         cameras: The C cameras.
         ideal_px: (C, T, M, 2) ideal pixels, in their convention.
-        most_points: Points to judge by.
     """
-    matrices, uv = stacked(cameras), spread_points(ideal_px, most_points)
+    matrices, uv = stacked(cameras), spread_points(ideal_px, 3000)  # so many points judge
     if len(cameras) < 2 or uv.shape[1] < 5:
         return []
     whole = median_miss(matrices, uv)

@@ -81,7 +81,7 @@ def lens_covariance(cameras: Sequence[Camera], found: TrackLens, uv_px: Array) -
     return out
 
 
-def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int = 1200, each: bool = True) -> TrackLens:
+def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True) -> TrackLens:
     """Fit k1 so that rays meet, the cameras' coefficients held; one number, or one each where that predicts better.
 
     Least squares with Cauchy's loss on the residuals of triangulation (points are eliminated: each is triangulated anew
@@ -94,7 +94,6 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
     Args:
         cameras: The C cameras, without lenses.
         uv_px: (C, T, M, 2) pixels in the convention of the coefficients; NaN where not seen.
-        most_points: Points to use, spread over the recording.
         each: Whether cameras may have a number each; else one is fitted for all.
 
     Raises:
@@ -107,7 +106,7 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
         raise CalibrationError(
             f"`fit_lens`: {uv.shape[1]} points are seen by two cameras, and {_LEAST} are needed: give the profile"
         )
-    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)]
+    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 1200)).astype(int)]
     matrices, n = stacked([Camera(name=c.name, matrix=c.matrix) for c in cameras]), len(cameras)
     block = np.arange(uv.shape[1]) * BLOCKS // uv.shape[1]
     kept = [uv[:, block != b] for b in range(BLOCKS)]

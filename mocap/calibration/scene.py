@@ -100,7 +100,6 @@ class Free:
         coefficients: For each camera which distortion coefficients move, in OpenCV's order; empty: none of any.
         orientation: Whether bodies turn (boards) or not (points).
         held: Camera whose pose is held, which fixes the world frame; None: no camera is.
-        poses: Whether the other cameras move at all.
     """
 
     focal: str = "two"
@@ -108,7 +107,6 @@ class Free:
     coefficients: tuple[tuple[bool, ...], ...] = ()
     orientation: bool = False
     held: int | None = 0
-    poses: bool = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

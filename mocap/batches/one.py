@@ -1,6 +1,7 @@
 """One trial of a batch: tracked as ``mocap track`` does, its result and how it went written into its folder."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -126,7 +127,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     one; ``residual_px`` is the median triangulation residual; ``rmse_mm`` and ``coverage95`` are of samples hidden
     from the recording and filled again: root mean square error, and the percentage inside 95 % intervals.
     """
-    report: dict[str, Any] = tracked.report
+    report: Any = tracked.report
     markers, validation = tracked.tracks, report["validation"]
     missing = gaps((markers.status == Status.MEASURED)[None])
     score = validation["methods"].get(report["model"]["name"]) or validation["methods"].get("mixture") or {}
@@ -144,7 +145,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     }
 
 
-def _common(trial: Trial, report: dict[str, Any], measured: float) -> dict[str, object]:
+def _common(trial: Trial, report: Mapping[str, Any], measured: float) -> dict[str, object]:
     """What rows of all recordings hold, of which that share was measured."""
     return stated_of(trial) | {
         "frames": int(report["frames"]),

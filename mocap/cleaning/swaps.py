@@ -94,6 +94,16 @@ def exchange(values: Array, swaps: Sequence[Swap]) -> Array:
     return out
 
 
+def without_edited(swaps: Iterable[Swap], edited: Mask) -> tuple[list[Swap], list[Swap]]:
+    """Swaps in frames in which no person edited (T, M) either marker, and in the others, where the person is right."""
+    kept, undone = list[Swap](), list[Swap]()
+    for swap in swaps:
+        own = edited[np.ix_(swap.frames, np.array([swap.a, swap.b]))].any(axis=1)
+        for part, where in ((kept, ~own), (undone, own)):
+            part += [replace(swap, frames=swap.frames[where])] if where.any() else []
+    return kept, undone
+
+
 def exchanged_markers(xyz_m: Array, bones: Bones) -> Exchanged:
     """Find identity switches, the clearest first; each search starts from the data with the earlier ones undone.
 

@@ -80,6 +80,25 @@ def residual_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array 
         return np.where(n >= 2, np.sqrt(np.nansum(squares, axis=0) / np.maximum(2 * n - 3, 1)), np.nan)
 
 
+def misses(matrices: Array, uv_px: Array) -> Array:
+    """(K,) residuals of the linear triangulation of (C, ..., 2) ideal pixels, of those that give a point."""
+    miss = residual_px(matrices, uv_px, linear(matrices, uv_px))
+    return miss[np.isfinite(miss)]
+
+
+def median_miss(matrices: Array, uv_px: Array) -> float:
+    """The median of ``misses``; inf where no point is seen by two cameras."""
+    miss = misses(matrices, uv_px)
+    return float(np.median(miss)) if len(miss) else np.inf
+
+
+def spread_points(uv_px: Array, most: int) -> Array:
+    """(C, K, 2) pixels of at most so many points that two cameras or more see, spread over (C, ..., 2) of them."""
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
+    return uv[:, np.linspace(0, max(uv.shape[1] - 1, 0), min(uv.shape[1], most)).astype(int)]
+
+
 def refine(
     matrices: Array, uv_px: Array, xyz_m: Array, *, sd_px: Array | float, iterations: int = 10
 ) -> tuple[Array, Array]:

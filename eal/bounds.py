@@ -112,8 +112,3 @@ def theorem3(
         potential_min: Least U over what the motion can reach, in J.
     """
     return np.asarray(value0) + (kinetic0 + potential0 - potential_min) / np.asarray(strength, dtype=np.float64)
-
-
-def bias(lam: ArrayLike, *, c_s: float, s: float) -> Array:
-    """C_s lambda^s, the bias of equations 20 and 25 under the smoothness prior (whose sum starts at M + 1)."""
-    return c_s * np.asarray(lam, dtype=np.float64) ** s

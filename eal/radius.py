@@ -5,11 +5,10 @@ bootstrap of single samples takes a trajectory for independent draws, and its 95
 long as the samples stay correlated carry that correlation over (Kuensch 1989; circular: Politis and Romano 1992).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from eal.arrays import Array, points
 from eal.correlation import effective_sample_size
@@ -17,70 +16,6 @@ from eal.lowrank import pivoted_cholesky
 from eal.potential import EmpiricalPotential, fit_potential
 
 MOST_PIVOTS = 300
-LEAST = 20
-"""Effective samples; with 14 (a walk that had not been round the circle) the 95 % radius held 73 %."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Radius:
-    """A confidence radius of V_z.
-
-    Attributes:
-        radius: r such that sup |V_z - V_j| <= r over the points in about ``level`` of all recordings of this kind.
-        level: Probability.
-        effective_samples: Number of independent samples that the trajectory is worth.
-        block: Consecutive samples drawn together.
-    """
-
-    radius: float
-    level: float
-    effective_samples: float
-    block: int
-
-
-def confidence_radius(
-    potential: EmpiricalPotential,
-    q: ArrayLike,
-    *,
-    rng: np.random.Generator,
-    level: float = 0.95,
-    block: int | None = None,
-    resamples: int = 200,
-) -> Radius:
-    """The radius about V_z that holds its limit V_j, samples being in the order of time.
-
-    T_z is a mean over samples; a resample draws whole blocks of consecutive ones, V* is the potential of T*, and the
-    radius is the quantile of sup |V* - V_z| over the points. In the basis of the pivots' kernels a resample costs one
-    eigenproblem of that size.
-
-    Args:
-        potential: V_z, learned from samples in the order of time, equally spaced in it.
-        q: (n, d) points over which the largest deviation is taken.
-        rng: For the blocks.
-        level: Probability, between 0 and 1.
-        block: Samples in a block; None: N over the effective sample size. 1: as if samples were independent.
-        resamples: Number of resamples.
-
-    Returns:
-        The radius.
-
-    Raises:
-        ValueError: a level that is no probability, a block outside 1 .. N, points of another dimension, or samples that
-            are worth fewer than ``LEAST`` independent ones.
-    """
-    z, n = potential.samples, len(potential.samples)
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be a probability between 0 and 1, but is {level!r}")
-    effective = effective_sample_size(z, potential.kernel)
-    block = max(1, round(n / effective)) if block is None else block
-    if effective < LEAST:
-        raise ValueError(
-            f"the samples are worth only {effective:.1f} independent samples and at least {LEAST} are needed: a "
-            "trajectory that has been round its range a few times only does not tell how far V_z is off; record longer"
-        )
-    middle, values = resampled_values(potential, q, rng=rng, block=block, resamples=resamples)
-    largest = np.abs(values - middle).max(axis=1)
-    return Radius(radius=float(np.quantile(largest, level)), level=level, effective_samples=effective, block=int(block))
 
 
 def value_deviation(
@@ -124,11 +59,6 @@ def resampled_values(
     """(n,) V of all samples and (resamples, n) V of what is drawn, at the points; see ``value_deviation``."""
     z, n = potential.samples, len(potential.samples)
     at = points("q", q, potential.dimension).reshape(-1, potential.dimension)
-    length = n if block is None else block
-    if trials is None and block is None:
-        length = max(1, round(n / effective_sample_size(z, potential.kernel)))
-    if not 1 <= length <= n:
-        raise ValueError(f"block must be 1 to {n}, the number of samples, but is {block!r}")
     if trials is not None and sum(trials) != n:
         raise ValueError(f"trials must have {n} samples together, as the potential, but have {sum(trials)}")
     lam = potential.sigma_lambda
@@ -141,14 +71,25 @@ def resampled_values(
         response = potential.spectral_filter.response(sigma, lam)
         return 1.0 - ((features @ vectors) ** 2) @ response
 
-    def counts() -> Array:
-        if trials is not None:
-            drawn = np.bincount(rng.integers(0, len(trials), len(trials)), minlength=len(trials))
-            return np.repeat(drawn, trials).astype(np.float64)
-        starts = rng.integers(0, n, -(-n // length))
-        return np.bincount(((starts[:, None] + np.arange(length)) % n).reshape(-1)[:n], minlength=n).astype(np.float64)
+    if trials is None:
+        drawn = _drawn_blocks(potential, rng, block, resamples)
+    else:
+        parts = (rng.integers(0, len(trials), len(trials)) for _ in range(resamples))
+        drawn = (np.repeat(np.bincount(part, minlength=len(trials)), trials) for part in parts)
+    return value(potential.weights), np.stack([value(counts * potential.weights) for counts in drawn])
 
-    return value(potential.weights), np.stack([value(counts() * potential.weights) for _ in range(resamples)])
+
+def _drawn_blocks(
+    potential: EmpiricalPotential, rng: np.random.Generator, block: int | None, resamples: int
+) -> Iterator[NDArray[np.int64]]:
+    """(N,) how often each sample is drawn, a resample at a time, in blocks that run on from the last to the first."""
+    n = len(potential.samples)
+    block = max(1, round(n / effective_sample_size(potential.samples, potential.kernel))) if block is None else block
+    if not 1 <= block <= n:
+        raise ValueError(f"block must be 1 to {n}, the number of samples, but is {block!r}")
+    for _ in range(resamples):
+        starts = rng.integers(0, n, -(-n // block))
+        yield np.bincount(((starts[:, None] + np.arange(block)) % n).reshape(-1)[:n], minlength=n)
 
 
 def valley_covariance(
@@ -175,23 +116,20 @@ def valley_covariance(
     Returns:
         (n, d, d) covariances.
     """
-    z, n = potential.samples, len(potential.samples)
     at = points("q", q, potential.dimension).reshape(-1, potential.dimension)
-    block = max(1, round(n / effective_sample_size(z, potential.kernel))) if block is None else block
     values, vectors = np.linalg.eigh(potential.hessian(at))
     across = values > 0.1 * potential.curvature_limit
     inverse = np.where(across, 1.0 / np.where(across, values, 1.0), 0.0)
     here = potential.gradient(at)
     total = np.zeros((len(at), potential.dimension, potential.dimension))
-    for _ in range(resamples):
-        starts = rng.integers(0, n, -(-n // block))
-        rows, counts = np.unique(((starts[:, None] + np.arange(block)) % n).reshape(-1)[:n], return_counts=True)
+    for counts in _drawn_blocks(potential, rng, block, resamples):
+        rows = np.flatnonzero(counts)
         again = fit_potential(
-            z[rows],
+            potential.samples[rows],
             kernel=potential.kernel,
             lam=potential.sigma_lambda,
             spectral_filter=potential.spectral_filter,
-            weights=counts * potential.weights[rows],
+            weights=counts[rows] * potential.weights[rows],
             accuracy=1e-3,
         )
         pull = np.einsum("nij,ni->nj", vectors, again.gradient(at) - here) * inverse

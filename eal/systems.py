@@ -57,9 +57,9 @@ def spherical_pendulum(*, mass_kg: float = 1.0, gravity_m_s2: float = GRAVITY_M_
     return _particle("spherical pendulum, Cartesian", ("x1", "x2", "x3"), m, weight)
 
 
-def free_joint(*, mass_kg: float = 1.0) -> LagrangianSystem:
-    """A joint's child about its parent in the plane: T = m (x'^2 + y'^2)/2, U = 0; section 8, the lizard's wrist."""
-    return _particle("free planar joint", ("x", "y"), positive("mass_kg", mass_kg), np.zeros(2))
+def free_joint(dimension: int = 2, *, mass_kg: float = 1.0) -> LagrangianSystem:
+    """A joint's child about its parent: T = m |x'|^2 / 2, U = 0; in the plane section 8, the lizard's wrist."""
+    return _particle("free joint", ("x", "y", "z")[:dimension], positive("mass_kg", mass_kg), np.zeros(dimension))
 
 
 def _particle(name: str, names: tuple[str, ...], m: float, weight: Array) -> LagrangianSystem:

@@ -115,14 +115,14 @@ def _designs(
             truss, stored = sparse(target, offered, most=limits.members - 2 * internal, alpha=alpha)
             for _ in range(internal):
                 truss = with_internal_node(truss, target, rng)
-            refined = refine(target, truss, stored, limits, mirror=mirror, evaluations=_EVALUATIONS)
+            truss, stored = refine(target, truss, stored, limits, mirror=mirror, evaluations=_EVALUATIONS)
             progress((start + (i + 1) / rounds) / starts)
-            if not may_cross and crossings(refined.truss, target):
+            if not may_cross and crossings(truss, target):
                 crossed += 1
                 continue
-            found.append((_without_idle(refined.truss, target), refined.stored))
+            found.append((_without_idle(truss, target), stored))
             if i + 1 < rounds:
-                offered = with_members(target, offered, refined.truss)
+                offered = with_members(target, offered, truss)
     if not found:
         raise DesignError(f"members cross in all {crossed} designs: ask for fewer internal nodes, or let them cross")
     fits = [measure(truss, stored, target) for truss, stored in found]

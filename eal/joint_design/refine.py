@@ -1,6 +1,6 @@
 """Positions of nodes, rest lengths and stiffnesses refined together under the limits, by nonlinear least squares."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Any
 
@@ -25,19 +25,6 @@ _GOLDEN_RAD = 2.399963
 """Directions in which nodes that coincide are parted."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Refined:
-    """A refined truss.
-
-    Attributes:
-        truss: In the target's unit of length; its energy less ``stored`` is compared with V.
-        stored: Energy at V = 0.
-    """
-
-    truss: Truss
-    stored: float
-
-
 def refine(
     target: Target,
     truss: Truss,
@@ -46,7 +33,7 @@ def refine(
     *,
     mirror: Array | None = None,
     evaluations: int = 60,
-) -> Refined:
+) -> tuple[Truss, float]:
     """Minimise the differences between energy and potential, with the limits as steep penalties.
 
     Residuals: U - c - V inside the region and min(U - c - level, 0) outside, both over the square root of the points
@@ -60,6 +47,9 @@ def refine(
         mirror: Members i and i + m/2 are images of each other under this (d, d) reflection, and stay so; no internal
             nodes.
         evaluations: Most evaluations of the residuals.
+
+    Returns:
+        The truss, in the target's unit of length, and its energy at V = 0, less which it is compared with V.
     """
     inside = target.inside
     m, nodes = len(truss.rest_m), truss.moving
@@ -116,7 +106,7 @@ def refine(
         rest_m=np.exp(log_rest)[:m],
         stiffness_n_m=np.exp(log_k)[:m],
     )
-    return Refined(truss=refined, stored=float(root**2))
+    return refined, float(root**2)
 
 
 def _parted(nodes: Array, distance: float) -> Array:

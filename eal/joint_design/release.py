@@ -10,8 +10,9 @@ from eal.integrators import simulate
 from eal.joint_design.equilibrium import Equilibria, equilibria
 from eal.joint_design.errors import Indices
 from eal.joint_design.truss import Truss, truss_energy
-from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel, Penalty
+from eal.lagrangian import AnalyticPenalty, PenalisedModel, Penalty
 from eal.optional_jax import jax, jnp
+from eal.systems import free_joint
 
 
 def truss_penalty(truss: Truss, stored: float, found: Equilibria) -> AnalyticPenalty:
@@ -83,9 +84,7 @@ def release(
         duration: Time.
         step: Step of RK4.
     """
-    d = starts.shape[1]
-    system = _free(d)
-    model = PenalisedModel(system=system, penalty=penalty, strength=1.0)
+    model = PenalisedModel(system=free_joint(starts.shape[1]), penalty=penalty, strength=1.0)
     run = simulate(model, starts, velocities, duration_s=duration, h_s=step, every=2)
     v = potential.value(run.q)
     energy = model.energy(run.q, run.v)
@@ -95,19 +94,6 @@ def release(
         inside=float(np.mean(v < level)),
         inside_half=float(np.mean(v < 0.5)),
         drift=float(np.abs(energy - energy[0]).max()),
-    )
-
-
-def _free(d: int) -> LagrangianSystem:
-    return LagrangianSystem(
-        name="unit mass",
-        names=("q1", "q2", "q3")[:d],
-        units=("length",) * d,
-        kinetic=lambda q, v: 0.5 * np.sum(v * v, axis=-1) + 0.0 * q[..., 0],
-        potential=lambda q: np.zeros(q.shape[:-1]),
-        mass=lambda q: np.broadcast_to(np.eye(d), (*q.shape, d)),
-        force=lambda q, v: np.zeros(np.broadcast_shapes(q.shape, v.shape)),
-        solve=lambda q, f: f,  # noqa: ARG005
     )
 
 

@@ -1,7 +1,7 @@
 """The whole design of a joint: truss, checks and parts, as the report and the pictures show them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -129,7 +129,8 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
     samples = potential.samples
     per_unit = wish.size_m / float(np.linalg.norm(samples, axis=1).max())
     rng = np.random.default_rng(wish.seed)
-    limits = _in_units(wish.limits, per_unit)
+    lengths = ("shortest", "longest", "reach", "spacing")
+    limits = replace(wish.limits, **{name: getattr(wish.limits, name) / per_unit for name in lengths})
     mirror = _mirror(samples) if wish.symmetric else None
     try:
         coarse = make_target(potential.value, samples, level=wish.level)
@@ -185,20 +186,6 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
         held_by_v=held_by_v,
         way=way,
         kit=kit,
-    )
-
-
-def _in_units(limits: Limits, per_unit: float) -> Limits:
-    return Limits(
-        members=limits.members,
-        shortest=limits.shortest / per_unit,
-        longest=limits.longest / per_unit,
-        reach=limits.reach / per_unit,
-        spacing=limits.spacing / per_unit,
-        contraction=limits.contraction,
-        extension=limits.extension,
-        laws=limits.laws,
-        prestress=limits.prestress,
     )
 
 

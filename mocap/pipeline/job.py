@@ -149,8 +149,8 @@ def run_job(
 
 def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Recording, Recording]:
     with stages.stage("track one camera") as progress:
-        one = track_one_camera(source, learned, progress=progress)
-    return _finished(one.recording, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
+        recording, part, found, asked, why = track_one_camera(source, learned, progress=progress)
+    return _finished(recording, part, NAME, found, asked, why=why, stages=stages)
 
 
 def _prepared(

@@ -1,7 +1,5 @@
 """How far a track lies from what was measured: a sample that was moved far was not measured there."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,21 +13,11 @@ MOVED = {"moved": f"the track lies more than {FAR:g} standard deviations from wh
 """Why a sample was rejected here, by the key that reports use."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Moved:
-    """Distances of a track from what it was made of.
+def moved(recording: Recording, xyz_m: Array, cov_m2: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """How far (T, M, 3) positions with their (T, M, 3, 3) covariance are from the measured ones, NaN without one.
 
-    Attributes:
-        distance_m: (T, M) from the points of the believed clicks, or the positions of the file; NaN without one.
-        far: (T, M) more than ``FAR`` standard deviations.
-    """
-
-    distance_m: Array
-    far: NDArray[np.bool_]
-
-
-def moved(recording: Recording, xyz_m: Array, cov_m2: Array) -> Moved:
-    """How far (T, M, 3) positions with their (T, M, 3, 3) covariance are from the measured ones.
+    (T, M) metres from the points of the believed clicks, or the positions of the file; and whether these are more than
+    ``FAR`` standard deviations.
 
     The distance of a measurement from its estimate has at most the covariance of both together; its deviation here is
     the root mean square over the three coordinates.
@@ -37,18 +25,18 @@ def moved(recording: Recording, xyz_m: Array, cov_m2: Array) -> Moved:
     distance = np.linalg.norm(xyz_m - recording.xyz_m, axis=-1)
     total = np.trace(cov_m2 + recording.cov_m2, axis1=-2, axis2=-1) / 3
     with np.errstate(invalid="ignore"):
-        return Moved(distance_m=distance, far=distance > FAR * np.sqrt(total))
+        return distance, distance > FAR * np.sqrt(total)
 
 
 def moved_report(recording: Recording, markers: MarkerTracks) -> dict[str, object]:
     """Median, 90 % and largest distance in mm of all that was measured and believed, and where the largest is."""
-    found = moved(recording, markers.xyz_m, markers.cov_m2)
+    distance_m, far = moved(recording, markers.xyz_m, markers.cov_m2)
     rejected = np.any(list(recording.rejected.values()), axis=0)
-    far = found.far & (markers.status == Status.REJECTED) & ~rejected
-    known = ((markers.status == Status.MEASURED) | far) & np.isfinite(found.distance_m)
+    far &= (markers.status == Status.REJECTED) & ~rejected
+    known = ((markers.status == Status.MEASURED) | far) & np.isfinite(distance_m)
     if not known.any():
         return {"median_mm": None, "90%_mm": None, "largest": None, "beyond_3_sd": 0, "samples": []}
-    distance = np.where(known, 1e3 * found.distance_m, -1.0)
+    distance = np.where(known, 1e3 * distance_m, -1.0)
     frame, marker = (int(i) for i in np.unravel_index(np.argmax(distance), distance.shape))
     return {
         "median_mm": float(np.median(distance[known])),

@@ -1,7 +1,7 @@
 """``mocap track`` of a recording in which no marker is seen by two cameras, with a model learned from others."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,25 +24,6 @@ from mocap.records import Status
 
 NAME = "one camera"
 """Of the model, in reports and tables."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class OneCamera:
-    """A recording of one camera, tracked.
-
-    Attributes:
-        recording: The recording; its points are those that were found where a camera saw the marker.
-        part: Frames and markers that were tracked.
-        estimate: What was found.
-        asked: Points whose velocities it has.
-        why: How the model was made.
-    """
-
-    recording: Recording
-    part: Part
-    estimate: Estimate
-    asked: Asked
-    why: str
 
 
 def of_one_camera(source: Recording) -> bool:
@@ -86,8 +67,12 @@ def track_one_camera(
     learned: LearnedModel | None,
     *,
     progress: Callable[[float], None] | None = None,
-) -> OneCamera:
+) -> tuple[Recording, Part, Estimate, Asked, str]:
     """Track a recording of one camera.
+
+    Returns:
+        The recording, with points where a camera saw the marker; frames and markers that were tracked; what was found;
+        points whose velocities that has; and how the model was made.
 
     Raises:
         CalibrationError: there is no model.
@@ -130,13 +115,7 @@ def track_one_camera(
         f"learned from {', '.join(trial.name for trial in trials)}; the size of the animal is the model's, within "
         f"{prior.size_sd:.1%} (standard deviation)"
     )
-    return OneCamera(
-        recording=_cleaned(film, part, found, noise),
-        part=part,
-        estimate=found.estimate,
-        asked=asked,
-        why=why,
-    )
+    return _cleaned(film, part, found, noise), part, found.estimate, asked, why
 
 
 def _cleaned(film: Recording, part: Part, found: Found, noise: float) -> Recording:

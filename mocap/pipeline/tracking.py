@@ -130,6 +130,13 @@ def part_names(recording: Recording, part: Part) -> list[str]:
     return [recording.names[int(m)] for m in part.markers]
 
 
+def trial_set(recording: Recording, part: Part, *, hidden: Mask | None = None) -> TrialSet:
+    """The seen part alone, with its anatomy; see ``marker_trial``."""
+    names, skeleton = part_names(recording, part), recording.skeleton
+    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values())
+    return TrialSet([marker_trial(recording, part, hidden=hidden)], anatomy)
+
+
 def marker_trial(recording: Recording, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
     """The seen part as models learn from it: with the noise that it shows, whatever is stated."""
     cov = recording.cov_m2[part.frames][:, part.markers]
@@ -227,7 +234,7 @@ def with_track(
         used[:, frame, marker[ok & whole]] |= np.isfinite(recording.uv_px[:, frame][:, marker[ok & whole], 0])
         innovation[camera[~whole], frame, marker[~whole]] = missed[~whole, :2]
     origin = _origins(recording, believed, np.isfinite(xyz[..., 0]))
-    far = moved(recording, xyz, cov).far & ~recording.edited  # what a person states is believed
+    far = moved(recording, xyz, cov)[1] & ~recording.edited  # what a person states is believed
     origin[far & (origin == Status.MEASURED)] = Status.REJECTED
     cov += jump_cov(recording, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
@@ -353,12 +360,10 @@ def fill_hidden(
     """
     part, found = hidden.part, dict[str, Estimate | Members]()
     posed = why_no_pose(recording, part) is None
-    names, skeleton = part_names(recording, part), recording.skeleton
-    own = marker_trial(recording, part, hidden=hidden.mask)
     seen = recording.observations(part.frames, part.markers, hidden=hidden.mask)
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     if "mixture" in methods and posed:
-        alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
+        alone = trial_set(recording, part, hidden=hidden.mask)
         models = models_alone(PoseSettings(), alone)
         found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
     for name, one in NAMED.items():
@@ -366,7 +371,8 @@ def fill_hidden(
             model = learn_motion(recording, part, name, hidden=hidden.mask)
             found[name] = track(recording, part, model, hidden=hidden.mask, progress=steps["rest"])
     if learned is not None:
-        trials = trials_for(learned, names, own)
+        own = marker_trial(recording, part, hidden=hidden.mask)
+        trials = trials_for(learned, part_names(recording, part), own)
         models = models_of(learned, trials)
         found["learned"] = members(models, trials, seen, progress=steps["learned"], call_all=call_all)
     return found

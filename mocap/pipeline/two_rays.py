@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.filters.anatomy import anatomy_of
 from mocap.filters.hidden_gaps import EACH_MARKER
 from mocap.filters.model import LearnedModel, trials_for
 from mocap.filters.models.base import TrialSet
@@ -23,7 +22,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import Part, marker_trial, part_names, track, why_no_pose
+from mocap.pipeline.tracking import Part, marker_trial, part_names, track, trial_set, why_no_pose
 
 FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
@@ -168,11 +167,7 @@ def continuing(recording: Recording, part: Part, asked: Mask, away_m: Array) -> 
         asked: (T, M) points that are asked about.
         away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
-    names, skeleton = part_names(recording, part), recording.skeleton
-    own = TrialSet(
-        [marker_trial(recording, part, hidden=asked)],
-        anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()),
-    )
+    own = trial_set(recording, part, hidden=asked)
     xyz, _ = _whole(recording, part, track(recording, part, EACH_MARKER.fit(own), hidden=asked))
     known = np.isfinite(recording.xyz_m[..., 0])
     miss_m, out = np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.zeros_like(asked)
@@ -307,12 +302,12 @@ def _pose(recording: Recording, part: Part, learned: LearnedModel | None) -> Pos
 
 def _trials(recording: Recording, part: Part, learned: LearnedModel | None, known: TrialSet | None = None) -> TrialSet:
     """What is left of the recording, and other trials: those that are known, with their models, if it is the same."""
-    names, skeleton, own = part_names(recording, part), recording.skeleton, marker_trial(recording, part)
+    own = marker_trial(recording, part)
     if known is not None and _same(known.trials[-1], own):
         return known
     if learned is not None:
-        return trials_for(learned, names, own)
-    return TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
+        return trials_for(learned, part_names(recording, part), own)
+    return trial_set(recording, part)
 
 
 def _same(a: MarkerTrial, b: MarkerTrial) -> bool:

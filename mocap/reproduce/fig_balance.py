@@ -1,46 +1,39 @@
 """Figures 11 and 19c: the error against lambda, the V of bias and variance."""
 
 import numpy as np
-from matplotlib.figure import Figure as Canvas
 
 from eal.arrays import Array
 from mocap.reproduce.draw import Curve, log_log
 from mocap.reproduce.record import Figure, Verdict, judged
-from mocap.reproduce.settings import CONSTRAINT, DELTA_M, SPHERE, noisy_errors, table_over_lambda
-from mocap.reproduce.sweep import planar, slope, spherical
+from mocap.reproduce.settings import CONSTRAINT, DELTA_M, SPHERE, error_table, noisy_errors
+from mocap.reproduce.sweep import Experiment, planar, slope, spherical
 
 _V = "A typical 'V'-shape curve appears when the learning model becomes more complicated."
 
 
 def figure_11(*, quick: bool) -> Figure:  # noqa: ARG001
     """Error against lambda for several eps, noisy samples: the V of bias and variance."""
-    experiment = planar()
-    lams = np.logspace(-1, -9, 17)
-    penalties, seeds = np.array([1e3, 1e4, 1e5, 1e6]), 5
-    constraint, state = noisy_errors(experiment, lams, penalties, seeds)
-    return Figure(
-        name="11",
-        table=table_over_lambda(lams, penalties, constraint, state, delta=DELTA_M),
-        verdicts=v_verdicts("11", lams, penalties, constraint),
-        draw=lambda canvas: _draw_v(
-            canvas, lams, penalties, constraint, CONSTRAINT, "Fig. 11: bias and variance, planar pendulum"
-        ),
-    )
+    title = "Fig. 11: bias and variance, planar pendulum"
+    return _figure("11", planar(), np.logspace(-1, -9, 17), np.logspace(3, 6, 4), 5, CONSTRAINT, title)
 
 
 def figure_19c(*, quick: bool) -> Figure:  # noqa: ARG001
     """Spherical pendulum, error against lambda with noise."""
-    experiment = spherical()
-    lams = np.logspace(-1, -9, 9)
-    penalties, seeds = np.array([1e3, 1e4, 1e5]), 3
+    title = "Fig. 19c: bias and variance, spherical"
+    return _figure("19c", spherical(), np.logspace(-1, -9, 9), np.logspace(3, 5, 3), 3, SPHERE, title)
+
+
+def _figure(
+    name: str, experiment: Experiment, lams: Array, penalties: Array, seeds: int, y_label: str, title: str
+) -> Figure:
     constraint, state = noisy_errors(experiment, lams, penalties, seeds)
+    axes = {"lambda": lams, "penalty": penalties, "seed": np.arange(seeds)}
+    curves = [Curve(label=f"1/ε² = {p:.0e}", x=lams, y=constraint[:, j]) for j, p in enumerate(penalties)]
     return Figure(
-        name="19c",
-        table=table_over_lambda(lams, penalties, constraint, state, delta=DELTA_M),
-        verdicts=v_verdicts("19c", lams, penalties, constraint),
-        draw=lambda canvas: _draw_v(
-            canvas, lams, penalties, constraint, SPHERE, "Fig. 19c: bias and variance, spherical"
-        ),
+        name=name,
+        table=error_table(axes, constraint, state, delta=DELTA_M),
+        verdicts=v_verdicts(name, lams, penalties, constraint),
+        draw=lambda canvas: log_log(canvas, curves, x_label="λ", y_label=y_label, title=title, slope=None),
     )
 
 
@@ -111,8 +104,3 @@ def _spread(errors: Array) -> float:
     """Largest ratio of the highest to the median of the seeds' least errors, an eps each."""
     least = errors.min(axis=0)
     return float((least.max(axis=1) / np.median(least, axis=1)).max())
-
-
-def _draw_v(canvas: Canvas, lams: Array, penalties: Array, constraint: Array, label: str, title: str) -> None:
-    curves = [Curve(label=f"1/ε² = {p:.0e}", x=lams, y=constraint[:, j]) for j, p in enumerate(penalties)]
-    log_log(canvas, curves, x_label="λ", y_label=label, title=title, slope=None)

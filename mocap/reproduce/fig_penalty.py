@@ -5,11 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from eal.arrays import Array
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce.draw import Curve, log_log
 from mocap.reproduce.record import Figure, Verdict, judged
-from mocap.reproduce.settings import CONSTRAINT, DELTA_M, PENALTY, SPHERE, N, noisy_errors, table_over_lambda
+from mocap.reproduce.settings import (
+    CONSTRAINT,
+    DELTA_M,
+    PENALTY,
+    SPHERE,
+    N,
+    against_penalty,
+    error_table,
+    noisy_errors,
+)
 from mocap.reproduce.sweep import errors, over_lambda, planar, slope, spherical
 
 _REST_SLOPE = "The constraint violation is bounded by at least the same order of ε guaranteed in Eq. 34 (slope -1/2)."
@@ -88,7 +96,7 @@ def figure_14a(*, quick: bool) -> Figure:
     ]
     return Figure(
         name="14a",
-        table=table_over_lambda(lams, penalties, constraint[:, :, None], state[:, :, None], delta=0.0),
+        table=error_table({"lambda": lams, "penalty": penalties, "seed": np.zeros(1)}, constraint, state, delta=0.0),
         verdicts=verdicts,
         draw=lambda canvas: log_log(
             canvas,
@@ -131,28 +139,7 @@ def figure_14b(*, quick: bool) -> Figure:
             faulty=exact,
         ),
     )
-    return _noisy("14b", CONSTRAINT, verdicts, lams, penalties, constraint, state, seeds)
-
-
-def _noisy(
-    name: str,
-    y_label: str,
-    verdicts: tuple[Verdict, ...],
-    lams: Array,
-    penalties: Array,
-    constraint: Array,
-    state: Array,
-    seeds: int,
-) -> Figure:
-    """A figure of errors (lambda, penalty) of noisy samples."""
-    curves = [Curve(label=f"λ = {lam:.0e}", x=penalties, y=y) for lam, y in zip(lams, constraint, strict=True)]
-    title = f"Fig. {name}: noise {DELTA_M:g} m, {seeds} seeds"
-    return Figure(
-        name=name,
-        table=table_over_lambda(lams, penalties, constraint, state, delta=DELTA_M),
-        verdicts=verdicts,
-        draw=lambda canvas: log_log(canvas, curves, x_label=PENALTY, y_label=y_label, title=title),
-    )
+    return against_penalty("14b", "lambda", lams, penalties, (constraint, state), verdicts)
 
 
 SPANS_S = (1.0, 10.0)
@@ -189,7 +176,7 @@ def figure_19a(*, quick: bool, spans_s: Sequence[float] = SPANS_S) -> Figure:
                 faulty=plateaus[::-1],
             ),
         ]
-        table = table_over_lambda(lams, penalties, constraint[:, :, None], state[:, :, None], delta=0.0)
+        table = error_table({"lambda": lams, "penalty": penalties, "seed": np.zeros(1)}, constraint, state, delta=0.0)
         tables.append(table | {"span_s": np.full(len(table["T"]), span_s)})
         curves += [
             Curve(label=f"λ = {lam:.0e}, {span_s:g} s", x=penalties, y=y, dashed=i > 0)
@@ -230,7 +217,7 @@ def figure_19b(*, quick: bool) -> Figure:
             faulty=exact,
         ),
     )
-    return _noisy("19b", SPHERE, verdicts, lams, penalties, constraint, state, seeds)
+    return against_penalty("19b", "lambda", lams, penalties, (constraint, state), verdicts, y_label=SPHERE)
 
 
 def _slope(

@@ -4,12 +4,10 @@ import numpy as np
 
 from eal import EmpiricalPotential
 from eal.arrays import Array
-from mocap.reproduce.draw import Curve, log_log
-from mocap.reproduce.record import Figure, Verdict, judged, long_table
-from mocap.reproduce.settings import CONSTRAINT, DELTA_M, DURATION_S, PENALTY
+from mocap.reproduce.record import Figure, judged
+from mocap.reproduce.settings import DELTA_M, LAMBDA, against_penalty
 from mocap.reproduce.sweep import errors, over_lambda, planar, slope, slope_with_error
 
-LAMBDA = 1e-6
 _EXACT = "When exact, noise-free measurements are assumed, the error curves of all cases overlap with each other."
 _NOISY = "As predicted in Eq. 9, the limiting error bound is smaller in the cases with more samples."
 
@@ -36,9 +34,8 @@ def figure_15a(*, quick: bool) -> Figure:
         control="noisy samples",
         faulty=wrong,
     )
-    return _figure(
-        "15a", counts, penalties, constraint[:, :, None], state[:, :, None], 0.0, (verdict,), "exact samples"
-    )
+    exact = constraint[:, :, None], state[:, :, None]
+    return against_penalty("15a", "N", counts, penalties, exact, (verdict,), delta=0.0)
 
 
 def figure_15b(*, quick: bool) -> Figure:
@@ -85,37 +82,10 @@ def figure_15b(*, quick: bool) -> Figure:
             faulty=slope(counts[counts >= 100].astype(float), offset[counts >= 100] ** 2),
         ),
     )
-    return _figure(
-        "15b", counts, penalties, constraint, state, DELTA_M, verdicts, f"noise {DELTA_M:g} m, {seeds} seeds"
-    )
+    return against_penalty("15b", "N", counts, penalties, (constraint, state), verdicts)
 
 
 def valley_offset(potential: EmpiricalPotential, on_set: Array) -> float:
     """Root mean square of r - 1 where V is least across the set: one Newton step in r from r = 1."""
     step = potential.gradient(on_set)[:, 0] / potential.hessian(on_set)[:, 0, 0]
     return float(np.sqrt(np.mean(step**2)))
-
-
-def _figure(
-    name: str,
-    counts: Array,
-    penalties: Array,
-    constraint: Array,
-    state: Array,
-    delta: float,
-    verdicts: tuple[Verdict, ...],
-    title: str,
-) -> Figure:
-    axes = {"N": counts, "penalty": penalties, "seed": np.arange(constraint.shape[2])}
-    table = long_table(axes, constraint_error=constraint, state_error=state)
-    rows = len(table["N"])
-    table |= {k: np.full(rows, v) for k, v in {"lambda": LAMBDA, "T": DURATION_S, "delta": delta}.items()}
-    curves = [Curve(label=f"N = {n}", x=penalties, y=y) for n, y in zip(counts, constraint, strict=True)]
-    return Figure(
-        name=name,
-        table=table,
-        verdicts=verdicts,
-        draw=lambda canvas: log_log(
-            canvas, curves, x_label=PENALTY, y_label=CONSTRAINT, title=f"Fig. {name}: {title}, λ = {LAMBDA:g}"
-        ),
-    )

@@ -5,10 +5,9 @@ import numpy as np
 from eal.arrays import Array
 from eal.compiled import simulate_compiled
 from eal.systems import GRAVITY_M_S2
-from mocap.reproduce.draw import Curve, log_log, over_time
-from mocap.reproduce.fig_samples import LAMBDA
-from mocap.reproduce.record import Figure, Verdict, judged, long_table
-from mocap.reproduce.settings import CONSTRAINT, DELTA_M, PENALTY, N
+from mocap.reproduce.draw import over_time
+from mocap.reproduce.record import Figure, judged, long_table
+from mocap.reproduce.settings import DELTA_M, LAMBDA, N, against_penalty
 from mocap.reproduce.sweep import Experiment, errors, over_lambda, planar
 
 TIMES_S = (0.01, 0.05, 0.1, 0.3, 0.5)
@@ -160,7 +159,8 @@ def figure_16(*, quick: bool) -> Figure:  # noqa: ARG001
             faulty=(ratio[1], ratio[1]),
         ),
     )
-    return _times("16", penalties, constraint, state, 0.0, verdicts, "exact samples")
+    found = constraint.swapaxes(1, 2), state.swapaxes(1, 2)
+    return against_penalty("16", "T", np.array(TIMES_S), penalties, found, verdicts, delta=0.0)
 
 
 def normal_force_errors(experiment: Experiment, duration_s: float) -> tuple[float, float]:
@@ -211,29 +211,5 @@ def figure_17(*, quick: bool) -> Figure:
             )[0][:, 0, 0],
         ),
     )
-    return _times("17", penalties, constraint, state, DELTA_M, verdicts, f"noise {DELTA_M:g} m, {seeds} seeds")
-
-
-def _times(
-    name: str,
-    penalties: Array,
-    constraint: Array,
-    state: Array,
-    delta: float,
-    verdicts: tuple[Verdict, ...],
-    title: str,
-) -> Figure:
-    """Errors are (T, seed, penalty)."""
-    axes = {"T": np.array(TIMES_S), "seed": np.arange(constraint.shape[1]), "penalty": penalties}
-    table = long_table(axes, constraint_error=constraint, state_error=state)
-    rows = len(table["T"])
-    table |= {k: np.full(rows, v) for k, v in {"lambda": LAMBDA, "N": float(N), "delta": delta}.items()}
-    curves = [Curve(label=f"T = {t:g} s", x=penalties, y=y.T) for t, y in zip(TIMES_S, constraint, strict=True)]
-    return Figure(
-        name=name,
-        table=table,
-        verdicts=verdicts,
-        draw=lambda canvas: log_log(
-            canvas, curves, x_label=PENALTY, y_label=CONSTRAINT, title=f"Fig. {name}: {title}, λ = {LAMBDA:g}, N = {N}"
-        ),
-    )
+    found = constraint.swapaxes(1, 2), state.swapaxes(1, 2)
+    return against_penalty("17", "T", np.array(TIMES_S), penalties, found, verdicts)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -126,7 +127,7 @@ def reproduce(
                 verdicts.extend(figure.verdicts)
                 for verdict in figure.verdicts:
                     progress(verdict.line())
-    text = json.dumps([v.as_dict() for v in verdicts], indent=1, ensure_ascii=False)
+    text = json.dumps([asdict(v) for v in verdicts], indent=1, ensure_ascii=False)
     (out / "verdicts.json").write_text(text, encoding="utf-8")
     (out / "figures.md").write_text(_contents(verdicts), encoding="utf-8")
     return verdicts

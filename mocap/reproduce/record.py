@@ -45,18 +45,6 @@ class Verdict:
         check = "" if self.refused else f" (BUT SO IT DOES FOR {self.control})"
         return f"{label(self.figure)}: {self.claim}: {self.measured}, {found}{check}"
 
-    def as_dict(self) -> dict[str, Any]:
-        """For verdicts.json."""
-        return {
-            "figure": self.figure,
-            "sentence": self.sentence,
-            "claim": self.claim,
-            "measured": self.measured,
-            "holds": bool(self.holds),
-            "control": self.control,
-            "refused": bool(self.refused),
-        }
-
 
 T = TypeVar("T")
 

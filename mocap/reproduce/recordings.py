@@ -11,7 +11,7 @@ from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel
 from eal.over_time import OverTime, at_frames
 from eal.radius import valley_covariance
-from eal.systems import GRAVITY_M_S2, planar_pendulum, spherical_pendulum
+from eal.systems import GRAVITY_M_S2, free_joint, planar_pendulum, spherical_pendulum
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.datasets.lizards import make_lizard
 from mocap.datasets.pendulum_film import make_pendulum_film
@@ -114,8 +114,7 @@ def wrist(*, quick: bool) -> Tracked:
     samples = learn.q[np.isfinite(learn.q).all(axis=1)]
     _, scale = joint_potential(samples)
     scaled = [_scaled(one, scale) for one in (learn, track)]
-    system = replace(spherical_pendulum(gravity_m_s2=0.0), name="free joint in space")
-    return _tracked("wrist", system, lambda q: _potential(q, beta=WIDTH, lam=1e-3), *scaled)
+    return _tracked("wrist", free_joint(3), lambda q: _potential(q, beta=WIDTH, lam=1e-3), *scaled)
 
 
 def _potential(q: Array, *, beta: float, lam: float) -> EmpiricalPotential:

@@ -3,10 +3,11 @@
 import numpy as np
 
 from eal.arrays import Array
-from mocap.reproduce.record import long_table
+from mocap.reproduce.draw import Curve, log_log
+from mocap.reproduce.record import Figure, Verdict, long_table
 from mocap.reproduce.sweep import Experiment, errors, over_lambda
 
-N, DELTA_M, DURATION_S = 400, 1e-3, 0.05
+N, DELTA_M, DURATION_S, LAMBDA = 400, 1e-3, 0.05, 1e-6
 PENALTY = "penalty factor 1/ε² (J)"
 CONSTRAINT = "sup |r − 1| (m)"
 SPHERE = "sup ||x| − 1| (m)"
@@ -22,12 +23,46 @@ def noisy_errors(experiment: Experiment, lams: Array, penalties: Array, seeds: i
     return np.moveaxis(constraint, 0, -1), np.moveaxis(state, 0, -1)
 
 
-def table_over_lambda(
-    lams: Array, penalties: Array, constraint: Array, state: Array, *, delta: float
-) -> dict[str, Array]:
-    """Columns of errors (lambda, penalty, seed) with T, N and delta."""
-    axes = {"lambda": lams, "penalty": penalties, "seed": np.arange(constraint.shape[2])}
+def error_table(axes: dict[str, Array], constraint: Array, state: Array, *, delta: float) -> dict[str, Array]:
+    """Columns of errors over axes; T, lambda and N, where they are no axis, as in the general case."""
     columns = long_table(axes, constraint_error=constraint, state_error=state)
-    rows = len(columns["lambda"])
-    fixed = {"T": DURATION_S, "N": float(N), "delta": delta}
-    return columns | {name: np.full(rows, value) for name, value in fixed.items()}
+    fixed = {"T": DURATION_S, "lambda": LAMBDA, "N": float(N), "delta": delta}
+    return columns | {name: np.full(constraint.size, value) for name, value in fixed.items() if name not in axes}
+
+
+def against_penalty(
+    name: str,
+    over: str,
+    values: Array,
+    penalties: Array,
+    errors: tuple[Array, Array],
+    verdicts: tuple[Verdict, ...],
+    *,
+    delta: float = DELTA_M,
+    y_label: str = CONSTRAINT,
+) -> Figure:
+    """A figure of errors against 1/eps^2, a curve for each lambda, N or T.
+
+    Args:
+        name: Number of the figure.
+        over: ``lambda``, ``N`` or ``T``.
+        values: Of it.
+        penalties: 1/eps^2.
+        errors: Constraint and state errors (value, penalty, seed).
+        verdicts: On them.
+        delta: Noise; 0: exact samples.
+        y_label: Which constraint.
+    """
+    label = {"lambda": "λ = {:.0e}", "N": "N = {}", "T": "T = {:g} s"}[over]
+    seeds = errors[0].shape[2]
+    axes = {over: values, "penalty": penalties, "seed": np.arange(seeds)}
+    curves = [Curve(label=label.format(one), x=penalties, y=y) for one, y in zip(values, errors[0], strict=True)]
+    fixed = {"lambda": f", λ = {LAMBDA:g}", "N": f", N = {N}"}
+    title = f"Fig. {name}: " + (f"noise {delta:g} m, {seeds} seeds" if delta else "exact samples")
+    title += "".join(said for what, said in fixed.items() if what != over)
+    return Figure(
+        name=name,
+        table=error_table(axes, *errors, delta=delta),
+        verdicts=verdicts,
+        draw=lambda canvas: log_log(canvas, curves, x_label=PENALTY, y_label=y_label, title=title),
+    )

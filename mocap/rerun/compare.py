@@ -11,11 +11,10 @@ from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
-from mocap.rerun.camera_errors import usual_limit
 from mocap.rerun.columns import numbered_from, segments, single, time_columns
 from mocap.rerun.landscape import MM_PER_M
 from mocap.rerun.layout import play_fps, trail_length
-from mocap.rerun.row_map import amounts, log_row_map, rms, row_map_view
+from mocap.rerun.row_map import amounts, log_row_map, rms, row_map_view, usual_limit
 from mocap.rerun.scene_views import eye, last_frames, world_view
 from mocap.rerun.series import log_line, series_view
 from mocap.rerun.stored import Stored, read_recording, recording_file
@@ -45,7 +44,7 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
     """
     stored, differences = _read(runs)
     name = " - ".join(s.name for s in stored)
-    blueprint = _blueprint(stored, differences)
+    blueprint = compare_blueprint(stored, differences)
     with recording_into(out, application=APPLICATION, recording_id=name, blueprint=blueprint) as rec:
         for number, run in enumerate(stored):
             rec.send_chunks([c.with_entity_path(f"{paths.run(number)}{c.entity_path}".rstrip("/")) for c in run.chunks])
@@ -58,7 +57,7 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
 
 def comparison_blueprint(runs: Sequence[Path]) -> rrb.Blueprint:
     """What is where on the screen; raises as ``write_comparison``."""
-    return _blueprint(*_read(runs))
+    return compare_blueprint(*_read(runs))
 
 
 def _read(runs: Sequence[Path]) -> tuple[list[Stored], list[Difference]]:
@@ -66,10 +65,6 @@ def _read(runs: Sequence[Path]) -> tuple[list[Stored], list[Difference]]:
         raise MocapError(f"{len(runs)} runs: 2 to {len(COLORS)} can be compared")
     stored = [read_recording(path, name=name) for path, name in zip(runs, run_names(runs), strict=True)]
     return stored, [difference_mm(stored[0], other) for other in stored[1:]]
-
-
-def _blueprint(stored: Sequence[Stored], differences: Sequence[Difference]) -> rrb.Blueprint:
-    return compare_blueprint(stored, [usual_limit(apart) for _, apart in differences])
 
 
 def recording_of(runs: Sequence[Path], folder: Path) -> Path:
@@ -133,14 +128,20 @@ def _log_difference(
     log_line(rec, f"{paths.APART}/{number}", t_s, rms(apart), name=name, color=COLORS[number])
 
 
-def compare_blueprint(runs: Sequence[Stored], limits: Sequence[float]) -> rrb.Blueprint:
+def compare_blueprint(runs: Sequence[Stored], differences: Sequence[Difference]) -> rrb.Blueprint:
     """Tabs: Together, Side by side, Cameras, Joints, Filter health, Reports; a column a run.
 
     Args:
         runs: What is compared.
-        limits: Distance in mm at the end of the colours, for each run but the first.
+        differences: From the first, for each run but that.
     """
-    tabs = [_together(runs, limits), _side_by_side(runs), *_cameras(runs), *_joints(runs), _health(runs)]
+    tabs = [
+        _together(runs, [usual_limit(apart) for _, apart in differences]),
+        _side_by_side(runs),
+        *_cameras(runs),
+        *_joints(runs),
+        _health(runs),
+    ]
     reports = [
         rrb.TextDocumentView(origin=f"{paths.run(i)}{paths.REPORT}", name=run.name) for i, run in enumerate(runs)
     ]

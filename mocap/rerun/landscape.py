@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from contourpy import contour_generator
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from eal.arrays import Array
@@ -15,7 +14,6 @@ from mocap.rerun.energy import JointEnergy, joint_energy
 GRID = 80
 _MARGIN = 0.2
 MM_PER_M = 1000.0
-_SHADING = 0.25
 RANGE = 0.5
 """The value of the potential at the edge of a joint's range."""
 
@@ -116,17 +114,3 @@ def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
         lam=joint.potential.sigma_lambda,
         effective_rank=joint.potential.effective_rank,
     )
-
-
-def triangles(n_rows: int, n_columns: int) -> NDArray[np.int64]:
-    """(2 (n_rows - 1) (n_columns - 1), 3) vertices of the triangles of a grid stored row by row."""
-    at = np.arange(n_rows * n_columns).reshape(n_rows, n_columns)
-    a, b, c, d = at[:-1, :-1].ravel(), at[:-1, 1:].ravel(), at[1:, 1:].ravel(), at[1:, :-1].ravel()
-    return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-
-
-def normals(land: Landscape) -> Array:
-    """(G, G, 3) unit normals of the surface, its slopes lessened so that the walls of a well stay bright."""
-    slope_y, slope_x = np.gradient(_SHADING * land.value * land.height_mm, land.cell_mm)
-    upward = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
-    return upward / np.linalg.norm(upward, axis=-1, keepdims=True)

@@ -1,19 +1,18 @@
 """What the blueprint has to know of a run: what there is, how large, and where to look."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from eal.arrays import Array
-from mocap.filters.records import HeldLimb
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity
 from mocap.pipeline.recording import Recording
-from mocap.rerun.camera_errors import CameraErrors, camera_errors
 from mocap.rerun.landscape import Landscape
+from mocap.rerun.row_map import rms
 from mocap.rerun.scene import Scene, ViewCamera
-from mocap.rerun.series import robust_range
 from mocap.rerun.volume import Block
 
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -21,44 +20,58 @@ Box = tuple[tuple[float, float], tuple[float, float]]
 
 _FRAMES = ("limb", "plane", "body", "world")
 _MARGIN = 0.15
-_FRAMING_FRAMES = 100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
-    """What the blueprint has to know of a run.
+    """A run, and what is derived from it before anything is written.
 
     Attributes:
-        name: Of the run.
-        n_frames: Number of frames.
+        run: The run.
         scene: The scene.
-        bounds_px: For each camera with pixels the part of its image where the motion is; those that saw most first.
         landscapes: For each joint that has a potential, that potential over its plane.
         blocks: For each joint that has one in the body's three coordinates, that potential.
         joint_frames: For each joint the frame of reference in which it is shown.
-        errors: Innovations and residuals of each camera; None without cameras.
-        nis_limit: Upper end of the axis of the normalised innovation.
-        likelihood_range: Ends of the axis of the log-likelihood; None: the viewer's choice.
         angles: Angles and what else is plotted beside the scene, by group.
         cycles: Wing beats, strides, waves.
-        limbs: Potentials of limbs that the filter used.
-        energies: (T, 3) energy, V_z and its bound (``JointAngles.energies``); None: no Lagrangian moved the animal.
     """
 
-    name: str
-    n_frames: int
+    run: Recording
     scene: Scene
-    bounds_px: Mapping[str, Box] = field(default_factory=dict)
-    landscapes: Mapping[str, Landscape] = field(default_factory=dict)
-    blocks: Mapping[str, Block] = field(default_factory=dict)
-    joint_frames: Mapping[str, str] = field(default_factory=dict)
-    errors: CameraErrors | None = None
-    nis_limit: float = 3.0
-    likelihood_range: tuple[float, float] | None = None
-    angles: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
-    cycles: Sequence[Cycle] = ()
-    limbs: tuple[HeldLimb, ...] = ()
-    energies: Array | None = None
+    landscapes: Mapping[str, Landscape]
+    blocks: Mapping[str, Block]
+    joint_frames: Mapping[str, str]
+    angles: Mapping[str, Sequence[Quantity]]
+    cycles: Sequence[Cycle]
+
+    @property
+    def name(self) -> str:
+        """Of the run."""
+        return self.run.name
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.run.t_s)
+
+    @cached_property
+    def bounds_px(self) -> dict[str, Box]:
+        """For each camera with pixels the part of its image where the motion is; those that saw most first."""
+        run, found = self.run, {}
+        for c in np.argsort(-run.used.sum(axis=(1, 2)), kind="stable") if run.cameras else ():
+            some = slice(None, None, max(1, self.n_frames // 100))
+            uv_px = np.concatenate([run.ideal_px[c, some], run.reprojected_px[c, some]])
+            found[self.scene.cameras[c].name] = frame_px(self.scene.cameras[c], uv_px)
+        return found
+
+    @cached_property
+    def errors_px(self) -> tuple[Array, Array]:
+        """(C, T) innovations and residuals of each camera, root mean squares over the markers in use; NaN: none."""
+        run = self.run
+        differences_px = (run.innovation_px, run.ideal_px - run.reprojected_px)
+        lengths_px = (np.where(run.used, np.linalg.norm(px, axis=-1), np.nan) for px in differences_px)
+        innovation_px, residual_px = (rms(px, axis=-1) for px in lengths_px)
+        return innovation_px, residual_px
 
     @property
     def trail_frames(self) -> int:
@@ -79,44 +92,6 @@ def play_fps(n_frames: int) -> float:
 def trail_length(n_frames: int) -> int:
     """How many frames a trail is long."""
     return int(np.clip(n_frames // 20, 10, 60))
-
-
-def run_layout(
-    run: Recording,
-    scene: Scene,
-    *,
-    landscapes: Mapping[str, Landscape],
-    blocks: Mapping[str, Block],
-    joint_frames: Mapping[str, str],
-    angles: Mapping[str, Sequence[Quantity]] | None = None,
-    cycles: Sequence[Cycle] = (),
-) -> Layout:
-    """The layout of a run."""
-    bounds: dict[str, Box] = {}
-    if run.cameras:
-        every = max(1, len(run.t_s) // _FRAMING_FRAMES)
-        most = np.argsort(-run.used.sum(axis=(1, 2)), kind="stable")
-        for c in most:
-            uv_px = np.concatenate([run.ideal_px[c, ::every], run.reprojected_px[c, ::every]])
-            bounds[scene.cameras[c].name] = frame_px(scene.cameras[c], uv_px)
-    per_row = run.nis / np.maximum(run.n_rows, 1)
-    finite = per_row[np.isfinite(per_row) & (run.n_rows > 0)]
-    return Layout(
-        name=run.name,
-        limbs=run.limbs,
-        energies=run.data["energies"].values if "energies" in run.data else None,
-        n_frames=len(run.t_s),
-        scene=scene,
-        bounds_px=bounds,
-        landscapes=landscapes,
-        blocks=blocks,
-        joint_frames=joint_frames,
-        errors=camera_errors(run) if run.cameras else None,
-        nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
-        likelihood_range=robust_range(run.log_likelihood),
-        angles=angles or {},
-        cycles=cycles,
-    )
 
 
 def frame_px(camera: ViewCamera, uv_px: Array) -> Box:

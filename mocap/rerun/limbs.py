@@ -8,9 +8,10 @@ from eal.arrays import Array
 from mocap.filters.records import HeldLimb
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import segments, single, time_columns
+from mocap.rerun.columns import single, time_columns
 from mocap.rerun.layout import Layout
-from mocap.rerun.scene_views import eye, last_frames, world_view
+from mocap.rerun.over_plane import FLIP, log_moving, log_picture, plane_view
+from mocap.rerun.scene_views import eye, world_view
 from mocap.rerun.series import log_line, series_view
 
 ELLIPSE_SD = 2.0
@@ -23,7 +24,7 @@ _POINTS = 33
 def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Each limb's map with its state, and its pulls in the scene."""
     t_s, names = run.t_s, run.names
-    for limb in layout.limbs:
+    for limb in layout.run.limbs:
         _log_map(rec, paths.limb_map(limb.name), t_s, limb)
         log_line(rec, f"{paths.limb(limb.name)}/series/value", t_s, limb.at_state, name="V_z", color=palette.ORANGE)
         at = run.xyz_m[:, [names.index(m) for m in limb.markers]]
@@ -45,15 +46,8 @@ def limb_tab(layout: Layout, limb: HeldLimb) -> rrb.Container:
 
 def map_view(layout: Layout, limb: HeldLimb) -> rrb.View:
     """The potential in its two leading coordinates, from above."""
-    return rrb.Spatial2DView(
-        origin=paths.limb_map(limb.name),
-        name=f"{limb.name}: V_z of the filter, state and {ELLIPSE_SD:g} sd",
-        background=palette.GROUND,
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=[float(limb.x[0]), float(limb.x[-1])], y_range=[-float(limb.y[-1]), -float(limb.y[0])]
-        ),
-        overrides={f"{paths.limb_map(limb.name)}/trail": last_frames(layout.trail_frames)},
-    )
+    title = f"{limb.name}: V_z of the filter, state and {ELLIPSE_SD:g} sd"
+    return plane_view(paths.limb_map(limb.name), title, limb.x, limb.y, layout.trail_frames)
 
 
 def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
@@ -70,48 +64,17 @@ def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
 
 
 def _log_map(rec: rr.RecordingStream, path: str, t_s: Array, limb: HeldLimb) -> None:
-    """Up in the picture is up in the second coordinate, hence the view's second coordinate is its negative."""
-    cell_x, cell_y = float(limb.x[1] - limb.x[0]), float(limb.y[1] - limb.y[0])
-    place = rr.Transform3D(translation=(limb.x[0] - cell_x / 2, -limb.y[-1] - cell_y / 2, 0), scale=(cell_x, cell_y, 1))
-    rec.log(f"{path}/potential", place, static=True)
-    rec.log(
-        f"{path}/potential",
-        rr.Image(
-            palette.depth(limb.value[::-1]),
-            draw_order=-10.0,
-            magnification_filter=rr.components.MagnificationFilter.Linear,
-        ),
-        static=True,
+    """The potential from above, and the state with its ellipse on it."""
+    log_picture(rec, f"{path}/potential", limb.x, limb.y, limb.value)
+    way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
+    log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
+    look = rr.LineStrips2D.from_fields(
+        colors=palette.WHITE, radii=rr.components.Radius.ui_points(1.25), draw_order=28.0
     )
-    flip, ui = np.array([1.0, -1.0]), rr.components.Radius.ui_points
-    samples = rr.Points2D(single(limb.samples * flip), colors=palette.GROUND, radii=ui(1.25), draw_order=10.0)
-    rec.log(f"{path}/samples", samples, static=True)
-    rec.log(
-        f"{path}/now", rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(3.5), draw_order=30.0), static=True
-    )
-    rec.log(
-        f"{path}/ellipse",
-        rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0),
-        static=True,
-    )
-    rec.log(
-        f"{path}/trail", rr.LineStrips2D.from_fields(colors=palette.BLUE, radii=ui(1.5), draw_order=20.0), static=True
-    )
-    way = limb.state * flip
-    ones = np.ones(len(way), dtype=int)
-    index = time_columns(t_s)
-    rec.send_columns(f"{path}/now", indexes=index, columns=rr.Points2D.columns(positions=single(way)).partition(ones))
+    rec.log(f"{path}/ellipse", look, static=True)
     known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
-    lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * flip)))
-    rec.send_columns(f"{path}/ellipse", indexes=index, columns=lines.partition(known.astype(int)))
-    if len(way) > 1:
-        there = np.asarray(np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1))
-        steps = rr.LineStrips2D.columns(strips=segments(way[:-1][there], way[1:][there]))
-        rec.send_columns(
-            f"{path}/trail",
-            indexes=time_columns(t_s, at=np.arange(1, len(way))),
-            columns=steps.partition(there.astype(int)),
-        )
+    lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * FLIP)))
+    rec.send_columns(f"{path}/ellipse", indexes=time_columns(t_s), columns=lines.partition(known.astype(int)))
 
 
 def ellipses(limb: HeldLimb) -> Array:

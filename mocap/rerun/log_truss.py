@@ -12,7 +12,8 @@ from mocap.joint_design.design import JointDesign
 from mocap.rerun import palette
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import segments, single, time_columns
-from mocap.rerun.landscape import MM_PER_M, triangles
+from mocap.rerun.landscape import MM_PER_M
+from mocap.rerun.over_plane import log_surface
 from mocap.rerun.series import log_line
 from mocap.rerun.stream import recording_into
 
@@ -20,9 +21,6 @@ APPLICATION = "mocap"
 V, U, TRUSS, ENERGY = "/potential", "/energy", "/truss", "/along"
 _HEIGHT = 0.6
 """How high a value of 1 is drawn, over the grid's width."""
-
-_SLOPE = 0.35
-"""Share of the slope by which surfaces are shaded: walls of a well stay bright."""
 
 
 def write_truss_recording(design: JointDesign, path: Path) -> None:
@@ -50,19 +48,10 @@ def _millimetres(design: JointDesign) -> float:
 def _log_surface(rec: rr.RecordingStream, path: str, design: JointDesign, value: Array, along: Array) -> None:
     """A value in 0..1 over the grid, samples at its foot, and the moving point on it."""
     unit = _millimetres(design)
-    shape, q = design.target.shape, design.target.q * unit
-    height = _HEIGHT * float(np.ptp(q[:, 0]))
-    grid = value.reshape(shape)
-    slope = np.gradient(_SLOPE * height * grid, *(axis * unit for axis in design.target.axes))
-    normals = np.stack([-slope[0], -slope[1], np.ones(shape)], axis=-1).reshape(-1, 3)
-    mesh = rr.Mesh3D(
-        vertex_positions=single(np.column_stack([q, height * value])),
-        vertex_normals=single(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
-        vertex_colors=palette.depth(value),
-        triangle_indices=triangles(*shape)[:, ::-1],
-    )
+    x, y = (axis * unit for axis in design.target.axes)
+    height = _HEIGHT * float(np.ptp(x))
     rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    rec.log(f"{path}/surface", mesh, static=True)
+    log_surface(rec, f"{path}/surface", x, y, value.reshape(design.target.shape).T, height)
     samples = design.source.potential.samples * unit
     on = single(np.column_stack([samples, np.full(len(samples), 0.01 * height)]))
     ui = rr.components.Radius.ui_points

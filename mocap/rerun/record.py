@@ -13,7 +13,7 @@ from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import numbered_from
 from mocap.rerun.cut import known_part
 from mocap.rerun.landscape import landscape
-from mocap.rerun.layout import Layout, joint_frames, run_layout
+from mocap.rerun.layout import Layout, joint_frames
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.stream import recording_into
 from mocap.rerun.tabs.angles import chosen
@@ -70,9 +70,9 @@ def make_layout(run: Recording) -> Layout:
         if name in landscapes
     }
     found = kinematics(run.motion, run.skeleton, recording=run.name)
-    return run_layout(
-        run,
-        run_scene(run),
+    return Layout(
+        run=run,
+        scene=run_scene(run),
         landscapes=landscapes,
         blocks=blocks,
         joint_frames=frames,

@@ -109,11 +109,17 @@ def amounts(values: Array, limit: float) -> NDArray[np.uint8]:
     return np.where(count[..., None] > 0, palette.depth(1 - mean / limit), np.array(palette.GROUND, dtype=np.uint8))
 
 
-def rms(values: Array) -> Array:
-    """(T,) root mean square of the rows of (rows, T) numbers; NaN where all are."""
+def rms(values: Array, axis: int = 0) -> Array:
+    """Root mean square along an axis of what is no NaN; NaN where all are."""
     there = np.isfinite(values)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.sqrt((np.where(there, values, 0.0) ** 2).sum(axis=0) / there.sum(axis=0))
+        return np.sqrt((np.where(there, values, 0.0) ** 2).sum(axis=axis) / there.sum(axis=axis))
+
+
+def usual_limit(values: Array) -> float:
+    """The end of a scale that 99 % of the numbers stay below; 1 where there are none."""
+    known = values[np.isfinite(values)]
+    return max(float(np.quantile(known, 0.99)), 1e-9) if known.size else 1.0
 
 
 def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE) -> rrb.View:

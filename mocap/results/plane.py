@@ -36,13 +36,13 @@ def write_plane(run: Recording, folder: Path) -> None:
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 2)
     tail = "_px" if run.plane.unit == "px" else ""
     words = origin_words(markers.status, run.repaired)
-    header = ["frame", "t_s"]
-    columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
+    columns = {}
     for i, name in enumerate(markers.names):
-        header += [*(f"{name}_{field}{tail}" for field in ("x", "y", "sd")), f"{name}_origin"]
-        columns += [column_text(value, sd[:, i]) for value in (xy[:, i, 0], xy[:, i, 1], sd[:, i])]
-        columns.append(words[:, i])
-    write_columns(folder / "markers.csv", header, columns)
+        values = (xy[:, i, 0], xy[:, i, 1], sd[:, i])
+        for field, value in zip(("x", "y", "sd"), values, strict=True):
+            columns[f"{name}_{field}{tail}"] = column_text(value, sd[:, i])
+        columns[f"{name}_origin"] = words[:, i]
+    write_columns(folder / "markers.csv", markers.t_s, columns)
     (folder / "markers.nc").write_bytes(as_netcdf(plane_dataset(run), packed=True))
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(in_options(run.report_text), encoding="utf-8")

@@ -51,30 +51,24 @@ def write_markers(markers: MarkerTracks, repaired: NDArray[np.int8], path: Path)
     Measured samples that bore another marker's name in the file (``repaired`` is 1) have the origin ``repaired``, those
     that a person corrected (2) ``edited``.
     """
-    header = ["frame", "t_s"]
-    columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
-    words = origin_words(markers.status, repaired)
-    sd = markers.sd_m
+    columns, words, sd = {}, origin_words(markers.status, repaired), markers.sd_m
     for i, name in enumerate(markers.names):
-        header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]
-        columns += [column_text(markers.xyz_m[:, i, k], sd[:, i]) for k in range(3)]
-        columns += [column_text(sd[:, i], sd[:, i]), words[:, i]]
-    write_columns(path, header, columns)
+        columns |= {f"{name}_{'xyz'[k]}": column_text(markers.xyz_m[:, i, k], sd[:, i]) for k in range(3)}
+        columns |= {f"{name}_sd": column_text(sd[:, i], sd[:, i]), f"{name}_origin": words[:, i]}
+    write_columns(path, markers.t_s, columns)
 
 
 def write_joints(run: Recording, path: Path) -> None:
     """A row a frame: ``frame``, ``t_s``, then ``<joint>_<frame>_x, _y[, _z]`` and ``<joint>_sd`` in metres."""
-    t_s = run.t_s
-    header = ["frame", "t_s"]
-    columns = [np.arange(1, len(t_s) + 1).astype(str), np.char.mod("%.9g", t_s)]
+    columns = {}
     for i, joint in enumerate(j.name for j in run.skeleton.joints):
+        sd = run.joint_tracks["world"].sd_m[:, i]
         for frame, tracks in run.joint_tracks.items():
-            for k in range(tracks.q_m.shape[2]):
-                header.append(f"{joint}_{frame}_{'xyz'[k]}")
-                columns.append(column_text(tracks.q_m[:, i, k], run.joint_tracks["world"].sd_m[:, i]))
-        header.append(f"{joint}_sd")
-        columns.append(column_text(run.joint_tracks["world"].sd_m[:, i], run.joint_tracks["world"].sd_m[:, i]))
-    write_columns(path, header, columns)
+            columns |= {
+                f"{joint}_{frame}_{'xyz'[k]}": column_text(tracks.q_m[:, i, k], sd) for k in range(tracks.q_m.shape[2])
+            }
+        columns[f"{joint}_sd"] = column_text(sd, sd)
+    write_columns(path, run.t_s, columns)
 
 
 def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics") -> None:
@@ -82,16 +76,11 @@ def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics
 
     Values have as many digits as their smallest standard deviation is worth, two of it.
     """
-    header = ["frame", "t_s"]
-    columns = [np.arange(1, len(found.t_s) + 1).astype(str), np.char.mod("%.9g", found.t_s)]
-    words = np.array(REST_WORDS)
+    columns, words = {}, np.array(REST_WORDS)
     for one in found.quantities:
-        header += [one.name, f"{one.name}_sd", f"{one.name}_status"]
-        columns += [*_with_sd(one.value, one.sd), words[one.rests]]
-    with (folder / f"{stem}.csv").open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(as_cells(header))
-        writer.writerows(zip(*[c.tolist() for c in columns], strict=True))
+        value, sd = _with_sd(one.value, one.sd)
+        columns |= {one.name: value, f"{one.name}_sd": sd, f"{one.name}_status": words[one.rests]}
+    write_columns(folder / f"{stem}.csv", found.t_s, columns)
     (folder / f"{stem}.nc").write_bytes(as_netcdf(found.to_dataset(), packed=True))
 
 
@@ -129,9 +118,10 @@ def column_text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(values), np.char.mod(form, np.nan_to_num(values)), "NaN")
 
 
-def write_columns(path: Path, header: list[str], columns: list[np.ndarray]) -> None:
-    """A table of columns of text."""
+def write_columns(path: Path, t_s: np.ndarray, columns: dict[str, np.ndarray]) -> None:
+    """A row a frame: ``frame`` (from 1), ``t_s``, then columns of text."""
+    head = {"frame": np.arange(1, len(t_s) + 1).astype(str), "t_s": np.char.mod("%.9g", t_s)}
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(as_cells(header))
-        writer.writerows(np.stack(columns, axis=1).tolist())
+        writer.writerow(as_cells([*head, *columns]))
+        writer.writerows(zip(*(column.tolist() for column in (head | columns).values()), strict=True))

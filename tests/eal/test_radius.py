@@ -1,10 +1,10 @@
-"""The confidence radius of V_z on samples that are correlated in time."""
+"""The bootstrap of V_z on samples that are correlated in time."""
 
 import numpy as np
 import pytest
 
 from eal import GaussianKernel, Tail, fit_potential
-from eal.radius import confidence_radius, value_deviation
+from eal.radius import resampled_values, value_deviation
 from tests.reference import circle
 
 RADII = np.array([0.5, 0.8, 1.0, 1.2, 1.5])
@@ -31,15 +31,16 @@ def test_it_holds_the_truth_on_trajectories_and_single_samples_do_not():
         potential = walk(rng, 400, 0.5)
         error = np.abs(potential.value(GRID) - truth).max()
         for i, block in enumerate((None, 1)):
-            held[i] += error <= confidence_radius(potential, GRID, rng=rng, block=block, resamples=60).radius
+            middle, values = resampled_values(potential, GRID, rng=rng, block=block, resamples=60)
+            held[i] += error <= np.quantile(np.abs(values - middle).max(axis=1), 0.95)
     assert held[0] >= 0.88 * 60
     assert held[1] <= 0.80 * 60
 
 
 def test_resampled_potential_is_a_fit_with_weights(rng):
-    """With a block of all samples every resample is a turn of the same samples: the radius is rounding."""
-    potential = walk(rng, 200, 3.0)
-    assert confidence_radius(potential, GRID, rng=rng, block=200, resamples=5).radius < 1e-9
+    """With a block of all samples every resample is a turn of the same samples: what differs is rounding."""
+    middle, values = resampled_values(walk(rng, 200, 3.0), GRID, rng=rng, block=200, resamples=5)
+    assert np.abs(values - middle).max() < 1e-9
 
 
 def test_the_deviation_at_a_point_is_that_of_repeated_recordings():
@@ -67,15 +68,6 @@ def test_trials_must_be_those_of_the_samples(rng):
         value_deviation(walk(rng, 400, 3.0), GRID, rng=rng, trials=[200, 199])
 
 
-def test_too_short_a_trajectory_has_no_radius(rng):
-    with pytest.raises(ValueError, match=r"worth only \d+\.?\d* independent samples and at least 20 are needed"):
-        confidence_radius(walk(rng, 400, 0.02), GRID, rng=rng)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [({"level": 1.0}, "level must be a probability"), ({"block": 0}, "block must be 1 to 400")],
-)
-def test_bad_settings_are_named(settings, message, rng):
-    with pytest.raises(ValueError, match=message):
-        confidence_radius(walk(rng, 400, 3.0), GRID, rng=rng, **settings)
+def test_a_block_must_fit_the_samples(rng):
+    with pytest.raises(ValueError, match="block must be 1 to 400"):
+        value_deviation(walk(rng, 400, 3.0), GRID, rng=rng, block=0)

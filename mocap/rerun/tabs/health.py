@@ -9,15 +9,18 @@ from scipy.special import chdtri
 from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.camera_errors import usual_limit
 from mocap.rerun.gaps import gap_lanes_view, log_gaps
 from mocap.rerun.layout import Layout
-from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view
+from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view, usual_limit
 from mocap.rerun.rows import rows
 from mocap.rerun.series import log_line, robust_range, series_view
 
 BAND = (0.025, 0.975)
 """Quantiles of chi-square between which the normalised innovation of a consistent filter lies in 95 % of frames."""
+_ERRORS = (
+    (paths.INNOVATION, paths.INNOVATION_MAP, "By how far the next frame was missed (innovation, rms)"),
+    (paths.RESIDUAL, paths.RESIDUAL_MAP, "How far the result is from the clicks (residual, rms)"),
+)
 _LINES = 4
 """More cameras are rows of a map."""
 
@@ -27,60 +30,44 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
 
     Cameras are lines, and rows of a map, in which more than a few can be told apart.
     """
-    t_s, errors = run.t_s, layout.errors
+    t_s = run.t_s
     log_gaps(rec, run.tracks)
-    if errors is not None:
-        colors = [palette.of_series(c) for c in range(len(errors.cameras))]
-        for lines, rows, values in (
-            (paths.INNOVATION, paths.INNOVATION_MAP, errors.innovation_px),
-            (paths.RESIDUAL, paths.RESIDUAL_MAP, errors.residual_px),
-        ):
-            log_line(rec, lines, t_s, values.T, name=errors.cameras, color=colors)
+    if run.cameras:
+        colors = [palette.of_series(c) for c in range(len(run.cameras))]
+        for (lines, rows, _), values in zip(_ERRORS, layout.errors_px, strict=True):
+            log_line(rec, lines, t_s, values.T, name=run.camera_names, color=colors)
             picture = amounts(values, usual_limit(values))
-            log_row_map(rec, rows, picture, names=errors.cameras, t_s=t_s, size=WIDE)
+            log_row_map(rec, rows, picture, names=run.camera_names, t_s=t_s, size=WIDE)
     low, high = nis_band(run.n_rows)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        nis = np.where(run.n_rows > 0, run.nis / run.n_rows, np.nan)
     band = np.column_stack([low, high])
     log_line(rec, f"{paths.NIS}/band", t_s, band, name=("2.5 %", "97.5 %"), color=palette.GREY)
-    log_line(rec, f"{paths.NIS}/value", t_s, nis, name="NIS (expected 1)", color=palette.SKY_BLUE)
+    log_line(rec, f"{paths.NIS}/value", t_s, _nis(run), name="NIS (expected 1)", color=palette.SKY_BLUE)
     log_line(rec, paths.LOG_LIKELIHOOD, t_s, run.log_likelihood, name="log-likelihood", color=palette.GREEN)
     log_line(rec, paths.ROWS, t_s, run.n_rows.astype(np.float64), name="rows", color=palette.ORANGE)
 
 
 def tab(layout: Layout) -> rrb.Container:
     """Is the filter consistent, frame by frame?"""
-    limit = (0.0, layout.nis_limit)
+    run, nis = layout.run, _nis(layout.run)
+    limit = max(3.0, 1.2 * float(np.nanquantile(nis, 0.98))) if np.isfinite(nis).any() else 3.0
     views = [
         series_view(
             paths.NIS,
             "Are predictions as good as stated (NIS)? Between the grey lines: yes; above: worse; below: better",
-            y_range=limit,
+            y_range=(0.0, limit),
         )
     ]
-    errors = layout.errors
-    if errors is not None:
-        innovation, residual = (
-            "By how far the next frame was missed (innovation, rms)",
-            "How far the result is from the clicks (residual, rms)",
-        )
-        if len(errors.cameras) <= _LINES:
-            views += [
-                series_view(
-                    paths.INNOVATION, f"{innovation}, each camera (px)", y_range=robust_range(errors.innovation_px)
-                ),
-                series_view(paths.RESIDUAL, f"{residual}, each camera (px)", y_range=robust_range(errors.residual_px)),
-            ]
+    for (lines, rows_, what), values in zip(_ERRORS, layout.errors_px, strict=True) if run.cameras else ():
+        if len(run.cameras) <= _LINES:
+            views.append(series_view(lines, f"{what}, each camera (px)", y_range=robust_range(values)))
         else:
-            views += [
-                row_map_view(paths.INNOVATION_MAP, f"{innovation}, each camera: {_scale(errors.innovation_px)}", WIDE),
-                row_map_view(paths.RESIDUAL_MAP, f"{residual}, each camera: {_scale(errors.residual_px)}", WIDE),
-            ]
+            scale = f"dark 0 to yellow {usual_limit(values):.3g} px"
+            views.append(row_map_view(rows_, f"{what}, each camera: {scale}", WIDE))
     views += [
         series_view(
             paths.LOG_LIKELIHOOD,
             "How well each frame fits (log-likelihood, nat): look at the dips",
-            y_range=layout.likelihood_range,
+            y_range=robust_range(run.log_likelihood),
             legend=False,
         ),
         series_view(paths.ROWS, "Measured coordinates used in each frame", legend=False),
@@ -100,5 +87,7 @@ def nis_band(n_rows: NDArray[np.int64]) -> Array:
     return np.where(rows > 0, quantiles, np.nan)[:, where]
 
 
-def _scale(values_px: Array) -> str:
-    return f"dark 0 to yellow {usual_limit(values_px):.3g} px"
+def _nis(run: Recording) -> Array:
+    """(T,) normalised innovation squared, a row."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(run.n_rows > 0, run.nis / run.n_rows, np.nan)

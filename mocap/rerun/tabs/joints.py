@@ -3,17 +3,17 @@
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.records import JointTracks
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import Single, segments, single, time_columns
+from mocap.rerun.columns import Single, single, time_columns
 from mocap.rerun.energy import JointEnergy
-from mocap.rerun.landscape import MM_PER_M, RANGE, Landscape, normals, triangles
+from mocap.rerun.landscape import MM_PER_M, RANGE, Landscape
 from mocap.rerun.layout import Layout
 from mocap.rerun.limbs import limb_tab, log_limbs
+from mocap.rerun.over_plane import FLIP, log_moving, log_picture, log_surface, plane_view
 from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import eye, last_frames
 from mocap.rerun.series import log_line, series_view
@@ -45,7 +45,7 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
 
 def tab(layout: Layout) -> rrb.Container | None:
     """A tab for every joint that has a potential, one for the others, and one for each limb."""
-    if not layout.joint_frames and not layout.limbs:
+    if not layout.joint_frames and not layout.run.limbs:
         return None
     sides = by_side(layout.landscapes)
     parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
@@ -57,7 +57,7 @@ def tab(layout: Layout) -> rrb.Container | None:
     others = [name for name in layout.joint_frames if name not in layout.landscapes]
     if others:
         parts.append(rows([coordinates_view(layout, name) for name in others], name="Other joints"))
-    parts += [limb_tab(layout, limb) for limb in layout.limbs]
+    parts += [limb_tab(layout, limb) for limb in layout.run.limbs]
     return rrb.Tabs(*parts, active_tab=0, name="Joints and potentials")
 
 
@@ -82,15 +82,9 @@ def joint(layout: Layout, name: str) -> rrb.Container:
 
 def heat_map_view(layout: Layout, name: str) -> rrb.View:
     """The potential of a joint from above, with its range and its preferred configurations."""
-    land = layout.landscapes[name]
-    (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
-    return rrb.Spatial2DView(
-        origin=paths.heat_map(name),
-        name=f"joint potential, low (yellow) where the joint goes; white: V < {RANGE:g}, red: preferred",
-        background=palette.GROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[-y1, -y0]),
-        overrides={f"{paths.heat_map(name)}/trail": last_frames(layout.trail_frames)},
-    )
+    land, path = layout.landscapes[name], paths.heat_map(name)
+    title = f"joint potential, low (yellow) where the joint goes; white: V < {RANGE:g}, red: preferred"
+    return plane_view(path, title, land.x_mm, land.y_mm, layout.trail_frames)
 
 
 def spectrum_view(name: str) -> rrb.View:
@@ -212,19 +206,11 @@ def _in_chart(xy: Array) -> Single:
 
 
 def _log_surface(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
-    x, y = np.meshgrid(land.x_mm, land.y_mm)
-    vertices = np.stack([x, y, land.value * land.height_mm], axis=-1)
-    mesh = rr.Mesh3D(
-        vertex_positions=single(vertices.reshape(-1, 3)),
-        vertex_normals=single(normals(land).reshape(-1, 3)),
-        vertex_colors=palette.depth(land.value).reshape(-1, 3),
-        triangle_indices=triangles(*land.value.shape),
-    )
     rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    rec.log(f"{path}/potential", mesh, static=True)
+    log_surface(rec, f"{path}/potential", land.x_mm, land.y_mm, land.value, land.height_mm)
     _log_frame(rec, f"{path}/frame", land)
     way = land.lifted(land.path_mm)
-    _log_moving(rec, path, t_s, land.lifted(land.samples_mm), way, dots=palette.GROUND, trail=palette.BLUE)
+    log_moving(rec, path, t_s, land.lifted(land.samples_mm), way, dots=palette.GROUND, trail=palette.BLUE)
     ui = rr.components.Radius.ui_points
     lifted = [land.lifted(line) for line in land.contour_mm(RANGE)]
     rec.log(f"{path}/range", rr.LineStrips3D(lifted, colors=palette.WHITE, radii=ui(1.0)), static=True)
@@ -262,27 +248,16 @@ def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
 
 
 def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
-    """The map; up in the picture is up in q2, hence the view's second coordinate is -q2."""
-    half = land.cell_mm / 2
-    place = rr.Transform3D(
-        translation=(land.x_mm[0] - half, -land.y_mm[-1] - half, 0), scale=(land.cell_mm, land.cell_mm, 1)
-    )
-    picture = palette.depth(land.value[::-1])
-    rec.log(f"{path}/potential", place, static=True)
-    rec.log(
-        f"{path}/potential",
-        rr.Image(picture, draw_order=-10.0, magnification_filter=rr.components.MagnificationFilter.Linear),
-        static=True,
-    )
-    flip = np.array([1.0, -1.0])
+    """The potential from above, with what is marked on it."""
+    log_picture(rec, f"{path}/potential", land.x_mm, land.y_mm, land.value)
     ui = rr.components.Radius.ui_points
-    edge = [line * flip for line in land.contour_mm(RANGE)]
+    edge = [line * FLIP for line in land.contour_mm(RANGE)]
     rec.log(f"{path}/range", rr.LineStrips2D(edge, colors=palette.WHITE, radii=ui(1.25), draw_order=15.0), static=True)
     _log_axes(rec, f"{path}/axes", land)
     preferred = land.samples_value <= land.preferred
     dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
-    samples, way = land.samples_mm * flip, land.path_mm * flip
-    _log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
+    samples, way = land.samples_mm * FLIP, land.path_mm * FLIP
+    log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
     outside = land.path_value > RANGE
     label = rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(1.0), show_labels=True, draw_order=45.0)
     rec.log(f"{path}/outside", label, static=True)
@@ -321,58 +296,6 @@ def _log_volume(rec: rr.RecordingStream, name: str, t_s: Array, cloud: Block) ->
     )
     rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     rec.log(f"{path}/potential", volume, static=True)
-    _log_moving(
+    log_moving(
         rec, path, t_s, cloud.samples_mm, cloud.path_mm, dots=palette.WHITE, trail=palette.ORANGE, limb_radius=2.0
     )
-
-
-def _log_moving(
-    rec: rr.RecordingStream,
-    path: str,
-    t_s: Array,
-    samples: Array,
-    way: Array,
-    *,
-    dots: palette.Rgb | NDArray[np.uint8],
-    trail: palette.Rgb,
-    limb_radius: float = 0.0,
-) -> None:
-    """Samples, the point where the joint is, the steps that it took to get there, and the limb from the centre to it.
-
-    Args:
-        rec: Where to.
-        path: Parent of these entities.
-        t_s: (T,) times.
-        samples: (N, D) points; D is 2 or 3.
-        way: (T, D) the joint.
-        dots: Colour of all samples, or (N, 3) of each.
-        trail: Colour of the steps.
-        limb_radius: In points of the screen; 0: without the limb.
-    """
-    flat = way.shape[1] == 2
-    points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
-    ui = rr.components.Radius.ui_points
-    rec.log(f"{path}/samples", points(single(samples), colors=dots, radii=ui(1.25)), static=True)
-    rec.log(f"{path}/now", points.from_fields(colors=palette.VERMILLION, radii=ui(7.0)), static=True)
-    rec.log(f"{path}/trail", strips.from_fields(colors=trail, radii=ui(1.5)), static=True)
-    if flat:
-        rec.log(f"{path}/samples", rr.Points2D.from_fields(draw_order=10.0), static=True)
-        rec.log(f"{path}/trail", rr.LineStrips2D.from_fields(draw_order=20.0), static=True)
-        rec.log(f"{path}/now", rr.Points2D.from_fields(draw_order=30.0), static=True)
-    ones = np.ones(len(way), dtype=int)
-    columns = points.columns(positions=single(way)).partition(ones)
-    rec.send_columns(f"{path}/now", indexes=time_columns(t_s), columns=columns)
-    if limb_radius:
-        rec.log(f"{path}/limb", strips.from_fields(colors=palette.GREY, radii=ui(limb_radius)), static=True)
-        if flat:
-            rec.log(f"{path}/limb", rr.LineStrips2D.from_fields(draw_order=18.0), static=True)
-        limb = strips.columns(strips=segments(np.zeros_like(way), way)).partition(ones)
-        rec.send_columns(f"{path}/limb", indexes=time_columns(t_s), columns=limb)
-    if len(way) > 1:
-        there = np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1)
-        steps = segments(way[:-1][there], way[1:][there])
-        rec.send_columns(
-            f"{path}/trail",
-            indexes=time_columns(t_s, at=np.arange(1, len(way))),
-            columns=strips.columns(strips=steps).partition(there.astype(int)),
-        )

@@ -15,12 +15,12 @@ _NEAR = 3.0
 """Bounds of more than so many times the greatest V_z are out of the picture."""
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:  # noqa: ARG001 - as every tab
     """Three lines; nothing where no Lagrangian was tracked."""
-    if layout.energies is None:
+    if "energies" not in run.data:
         return
     t_s = run.t_s
-    energy, value, bound = layout.energies.T
+    energy, value, bound = run.data["energies"].values.T
     log_line(rec, f"{paths.VALLEY}/bound", t_s, bound, name="bound (Theorem 3)", color=palette.GREY)
     log_line(rec, f"{paths.VALLEY}/value", t_s, value, name="V_z", color=palette.SKY_BLUE)
     log_line(rec, paths.ENERGY, t_s, energy, name="energy", color=palette.ORANGE)
@@ -28,12 +28,12 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
 
 def tab(layout: Layout) -> rrb.Container | None:
     """Does it stay in its valley?"""
-    if layout.energies is None:
+    if "energies" not in layout.run.data:
         return None
     energy = series_view(
         paths.ENERGY,
         "Energy (J) of segments (trunk and joints made heavy), elastic joints, V_z/eps²",
-        y_range=robust_range(layout.energies[:, 0]),
+        y_range=robust_range(layout.run.data["energies"].values[:, 0]),
         legend=False,
     )
     plots = rows([valley_view(layout), energy], columns=1, name="Energy")
@@ -42,8 +42,7 @@ def tab(layout: Layout) -> rrb.Container | None:
 
 def valley_view(layout: Layout) -> rrb.View:
     """V_z and its bound, as far as that is near."""
-    assert layout.energies is not None  # the tab is there
-    value, bound = layout.energies[:, 1], layout.energies[:, 2]
+    _, value, bound = layout.run.data["energies"].values.T
     near = bound < _NEAR * max(1.0, *value[np.isfinite(value)])
     what = ", and what it would stay below if the animal were let go at this instant (Theorem 3, grey)"
     if not near.any():

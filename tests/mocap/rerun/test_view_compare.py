@@ -90,7 +90,7 @@ def test_the_viewer_shows_both(runs):
         viewer.load(both, "ours - theirs", application=APPLICATION)
         pictures = []
         for i in (0, 1, 3):
-            blueprint = compare_blueprint(stored, [5.0])
+            blueprint = compare_blueprint(stored, [difference_mm(*stored)])
             blueprint.root_container.active_tab = i
             pictures.append(viewer.show(blueprint, frame=25))
         one = rrb.Spatial3DView(origin=paths.TOGETHER, contents=[f"{paths.together(0)}/**"])

@@ -201,7 +201,7 @@ def test_lines_and_ellipses_are_where_the_marker_is(worked, scene):
             assert np.linalg.norm(fine - scene.uv_px[c, frame, marker], axis=1).min() < 2  # clicks are off by 0.3
 
 
-DRAWN = {"names": list(NAMES), "bones": [], "trunk": [], "joints": {}}
+DRAWN = {"names": list(NAMES), "bones": [], "trunk": [], "joints": {}, "dropped": []}
 PLACE = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
 
 
@@ -303,7 +303,7 @@ def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path):
         until(driver, "document.body.dataset.audits === '2'")
         left = [one.text for one in driver.find_elements("css selector", "#findings .mend")]
         assert all(text.startswith("Lengths are in") for text in left)
-        shown = driver.find_element("css selector", "#findings code").text
+        shown = driver.find_element("id", "command").text
         assert shown.index("a_xypts") < shown.index("b_xypts") < shown.index("c_xypts")
         (kept,) = read_manifest(desk.manifest)
         assert [path.name for path in kept.paths] == ["a_xypts.csv", "b_xypts.csv", "c_xypts.csv"]

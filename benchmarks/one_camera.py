@@ -7,7 +7,8 @@ itself by what ``mocap track`` runs; the reference is the same flight from all f
 corrected with that lens. ``DIR/table.csv`` has a row for each flight, camera, kind of teachers and method:
 
 - ``trained_on``: ``same bat`` (its other flights of that day), ``other bat``, ``other day`` (where such flights exist);
-- ``method``: the product with ``V_z``; a ``Gaussian`` or a ``kernel density`` in its place, or ``none``; each frame
+- ``method``: the product with ``V_z``; a ``Gaussian`` or a ``kernel density`` in its place, or ``none``; ``V_z alone``
+  and ``Gaussian alone``, without the lengths of bones that the others have; each frame
   alone with the ``nearest pose`` of the trials or the ``mean pose``, placed; and the ``subspace bound``, the shapes
   fitted to the reference's points;
 - ``abs_rms_mm``, ``rel_rms_mm``, ``rel_median_mm`` (less the mean of a frame's markers), ``depth_rms_mm`` (along the
@@ -31,6 +32,7 @@ import numpy as np
 import pandas as pd
 from mocap.datasets.real import folder
 from mocap.filters.first_poses import settled, starts_of
+from mocap.filters.motion.bones import Bones
 from mocap.filters.one_camera import Found, jitter_px, most_strange, px_per_m, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import Barrier, PosePrior, learn_prior
@@ -139,12 +141,15 @@ def held(prior: PosePrior) -> dict[str, PosePrior]:
     barrier = prior.hold
     assert isinstance(barrier, Barrier)
     beta = float(barrier.potential.kernel.curvature) / 2  # of a Gaussian kernel: 2 beta
+    nothing = Bones(ends=prior.bones.ends[:0], length_m=prior.bones.length_m[:0], sd_m=prior.bones.sd_m[:0])
     wide = [Density(barrier.potential.centres, beta * 4.0**k) for k in range(6)]
     return {
         "V_z": prior,
         "Gaussian": replace(prior, hold=prior.gaussian()),
         "none": replace(prior, hold=Barrier(barrier.potential, 0.0)),
         "kernel density": replace(prior, hold=max(wide, key=lambda one: one.held_out(prior.shapes))),
+        "V_z alone": replace(prior, bones=nothing),
+        "Gaussian alone": replace(prior, hold=prior.gaussian(), bones=nothing),
     }
 
 
@@ -301,11 +306,14 @@ def compared(table: pd.DataFrame) -> str:
     for kind, part in table.groupby("trained_on", sort=False):
         for column in ("rel_rms_mm", "abs_rms_mm"):
             wide = part.pivot_table(index=["flight", "camera"], columns="method", values=column)
-            for other in ("Gaussian", "none", "kernel density"):
-                less = 100 * (wide["V_z"] / wide[other] - 1)
+            own = ("V_z", "V_z", "V_z", "V_z alone", "V_z")
+            for one, other in zip(
+                own, ("Gaussian", "none", "kernel density", "Gaussian alone", "V_z alone"), strict=True
+            ):
+                less = 100 * (wide[one] / wide[other] - 1)
                 error = less.std() / np.sqrt(len(less)) if len(less) > 1 else np.nan
                 lines.append(
-                    f"{kind}: V_z over {other}, {column}: {less.mean():+.1f} +- {error:.1f} % ({len(less)} cells)"
+                    f"{kind}: {one} over {other}, {column}: {less.mean():+.1f} +- {error:.1f} % ({len(less)} cells)"
                 )
     return "\n".join(lines)
 

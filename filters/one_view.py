@@ -139,7 +139,17 @@ class Recorded:
 
     def apart(self, at: Poses) -> Array:
         """(T,) what each frame costs by itself."""
-        return self.prior.hold.value(at.z) + self.views.cost(self.markers(at))
+        missed, _ = self._bones(at)
+        return self.prior.hold.value(at.z) + self.views.cost(self.markers(at)) + 0.5 * np.sum(missed**2, axis=1)
+
+    def _bones(self, at: Poses) -> tuple[Array, Array]:
+        """(T, B) what bones differ by from their lengths, in deviations, and how z changes that (T, B, r)."""
+        p, (a, b), body = self.prior, self.prior.bones.ends.T, self.body(at)
+        away, basis = body[:, a] - body[:, b], p.basis.reshape(-1, 3, p.rank)
+        length = np.linalg.norm(away, axis=-1)
+        unit = away / np.maximum(length, 1e-3 * p.bones.length_m)[..., None]
+        rows = np.einsum("tbi,bir->tbr", unit, basis[a] - basis[b])
+        return (length - p.bones.length_m) / p.bones.sd_m, rows / p.bones.sd_m[:, None]
 
     def local(self, at: Poses) -> tuple[Array, Array]:
         """(T, n + 1) gradient of that by the states and the size, and (T, n + 1, n + 1) second derivatives."""
@@ -151,8 +161,9 @@ class Recorded:
         held = (inner @ rows.reshape(steps, -1, 3, rows.shape[-1])).reshape(rows.shape)
         form = np.swapaxes(rows, 1, 2) @ held
         slope = np.einsum("tik,ti->tk", rows, force)
-        slope[:, 6:-1] += p.hold.gradient(at.z)
-        form[:, 6:-1, 6:-1] += positive(p.hold.hessian(at.z))
+        missed, bones = self._bones(at)
+        slope[:, 6:-1] += p.hold.gradient(at.z) + np.einsum("tb,tbr->tr", missed, bones)
+        form[:, 6:-1, 6:-1] += positive(p.hold.hessian(at.z)) + np.swapaxes(bones, 1, 2) @ bones
         return slope, form
 
     def quadratic(self, at: Poses) -> Quadratic:

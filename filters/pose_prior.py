@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from mocap.filters.bones import rigid_bones
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
+from mocap.filters.motion.bones import Bones
 from mocap.filters.poses import LEAST_KNOWN, MarkerTrial, poses_of
 from mocap.filters.size import LEAST, relative_size, sized_like
 from mocap.filters.subspace import principal_components, structure
@@ -100,6 +102,7 @@ class PosePrior:
         noise_m: What a coordinate of a measured marker is known to.
         left_decay: e is a Matern-3/2 process that keeps this share from frame to frame.
         size_sd: Deviation of the logarithm of the animal's size.
+        bones: Distances that are kept, as the shapes of poses have them that they were not learned from.
         turn_s: Time in which the motion of the shape turns by a radian.
         dt_s: Time step.
     """
@@ -119,6 +122,7 @@ class PosePrior:
     noise_m: float
     left_decay: float
     size_sd: float
+    bones: Bones
     turn_s: float
     dt_s: float
 
@@ -156,7 +160,8 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
         trunk: Indices of the trunk's markers.
     """
     size_sd = size_spread(trials)
-    poses = poses_of([*sized_like(trials[:-1], trials[-1]), trials[-1]], trunk)
+    sized = [*sized_like(trials[:-1], trials[-1]), trials[-1]]
+    poses = poses_of(sized, trunk)
     dt_s = poses[0].dt_s
     parts = [p.y for p in poses]
     cuts, y = np.cumsum([len(part) for part in parts])[:-1], np.concatenate(parts)
@@ -172,7 +177,8 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
     shapes = np.concatenate([z[k] for z, k in zip(smooth, keep, strict=True)])
     rate = np.concatenate([np.gradient(z, dt_s, axis=0)[k] for z, k in zip(smooth, keep, strict=True)])
     now, before, constant, noise = autoregression(smooth)
-    left = left_over(parts if len(parts) > 1 else np.array_split(y, 2), rank)
+    apart = parts if len(parts) > 1 else np.array_split(y, 2)
+    left = left_over(apart, rank)
     turn = [
         Rotation.from_matrix(np.swapaxes(p.frames.rotation[:-1], 1, 2) @ p.frames.rotation[1:]).as_rotvec()
         for p in poses
@@ -197,6 +203,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
         noise_m=float(np.nanmedian(np.concatenate([t.sd_m[t.seen] for t in trials]))),
         left_decay=decay,
         size_sd=size_sd,
+        bones=kept_by_shapes(rigid_bones(sized), np.concatenate(apart) - np.concatenate(left)),
         turn_s=float(np.sqrt(shapes.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300))),
         dt_s=dt_s,
     )
@@ -236,6 +243,23 @@ def marker_sd(left: Sequence[Array]) -> Array:
 
     best: Any = minimize_scalar(unlikely, bounds=(1e-3, 1.0), method="bounded")
     return np.sqrt(ratios(best.x)[0].mean() * expected(best.x, squares))
+
+
+def kept_by_shapes(bones: Bones, shapes: Array) -> Bones:
+    """Bones with the lengths, and their deviations, that they have in shapes (N, 3M).
+
+    A linear subspace does not keep lengths: of poses that it was not learned from it shows bones that vary by more
+    than the animal's. Where one camera sees it, they tell the depth.
+    """
+    a, b = bones.ends.T
+    body = shapes.reshape(len(shapes), -1, 3)
+    length = np.linalg.norm(body[:, a] - body[:, b], axis=-1)
+    enough = np.isfinite(length).sum(axis=0) > 1
+    return Bones(
+        ends=bones.ends[enough],
+        length_m=np.nanmean(length[:, enough], axis=0),
+        sd_m=np.hypot(np.nanstd(length[:, enough], axis=0), bones.sd_m[enough]),
+    )
 
 
 def _mean_squares(left: Array) -> Array:

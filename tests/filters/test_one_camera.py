@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.errors import FilterError
+from mocap.filters.motion.bones import Bones
 from mocap.filters.one_camera import jitter_px, most_strange, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
-from mocap.filters.pose_prior import PosePrior, learn_prior, marker_sd
+from mocap.filters.pose_prior import PosePrior, kept_by_shapes, learn_prior, marker_sd
 from mocap.filters.velocities import Asked
 
 from tests.filters.flapping_trials import MATRIX, NAMES, TRUNK, filmed, flapping
@@ -108,6 +109,33 @@ def test_phases_that_trials_lack_are_said():
         trials = [flapping(k, lift=lift) for k in (1, 2, 3)]
         found = track_views(learn_prior(trials, trunk), views, limit=most_strange(trials, trunk))
         assert least <= found.unlike.mean() <= most
+
+
+def test_bones_are_as_long_as_shapes_have_them():
+    """A bar of 82 mm that turns by 1.2 rad either way, as one shape shows it: shorter in the middle, and it varies."""
+    turn = np.linspace(-1.2, 1.2, 200)
+    bar = 0.082 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    chord = np.column_stack([np.full(200, 0.082 * np.mean(np.cos(turn))), bar[:, 1:]])
+    raw = Bones(ends=np.array([[0, 1]]), length_m=np.array([0.082]), sd_m=np.array([3e-4]))
+    seen = np.concatenate([np.zeros((200, 3)), chord], axis=1)
+    seen[0] = np.nan
+    kept = kept_by_shapes(raw, seen)
+    length = np.linalg.norm(chord[1:], axis=1)
+    assert kept.length_m == pytest.approx(length.mean())
+    assert kept.sd_m == pytest.approx(np.hypot(length.std(), 3e-4))
+    assert len(kept_by_shapes(raw, np.full((5, 6), np.nan)).ends) == 0
+
+
+def test_shorter_bones_cost_what_they_say(prior):
+    """Alone of all that a frame costs, bones change with the length that they should have."""
+    at = Poses(position_m=np.zeros((1, 3)), rotation=np.eye(3)[None], z=np.zeros((1, prior.rank)))
+    views = views_of(np.full((1, 1, prior.markers, 2), np.nan))
+    a, b = prior.bones.ends.T
+    length = np.linalg.norm(prior.mean.reshape(-1, 3)[a] - prior.mean.reshape(-1, 3)[b], axis=1)
+    exact, longer = (replace(prior, bones=replace(prior.bones, length_m=by * length)) for by in (1.0, 1.1))
+    more = Recorded(prior=longer, views=views).apart(at) - Recorded(prior=exact, views=views).apart(at)
+    assert len(a) > 0
+    assert more[0] == pytest.approx(0.5 * np.sum((0.1 * length / prior.bones.sd_m) ** 2))
 
 
 def test_deviations_of_markers_hold_in_trials_to_come():

@@ -33,7 +33,7 @@ from tests.mocap.rigs import ring
 
 FRAMES, MARKERS, CAMERAS, FPS = 10_000, 34, 4, 500.0
 TIMES = 8
-COLUMNS = ("kind", "answered_cpu_s", "answered_s", "solved_cpu_s", "solved_s", "solved_longest_s")
+COLUMNS: tuple[str, ...] = ("kind", "answered_cpu_s", "answered_s", "solved_cpu_s", "solved_s", "solved_longest_s")
 
 
 def proof_of(folder: Path, n_frames: int) -> Proof:
@@ -56,6 +56,7 @@ def proof_of(folder: Path, n_frames: int) -> Proof:
         plane=None,
         report={"pixel_noise_px": {"jitter": 0.3}},
         kinematics={},
+        potentials={},
     )
     return Proof(name="t", raw=with_ideal_pixels(raw), result=cast(Any, result), log=folder / "edits.jsonl")
 
@@ -89,10 +90,7 @@ def main() -> None:
     frames = np.linspace(n // 9, n - 200, TIMES).astype(int).tolist()
     with TemporaryDirectory() as place:
         desk = Desk(out=Path(place), trials={}, options=Options(), proof=proof_of(Path(place), n))
-        sizes = desk.opened().sizes_px
-        page = desk_page(desk)
-        page.state.limits.update(cameras=CAMERAS, frames=n, markers=MARKERS, sizes=sizes)
-        with served(page) as site:
+        with served(desk_page(desk)) as site:
             origin = "http://" + urlsplit(site.address).netloc
             with httpx2.Client(base_url=site.address, headers={"Origin": origin}, timeout=600) as asked:
                 asked.post("settle", json={})

@@ -316,9 +316,10 @@ class Proof(Pictures):
             return [None if np.isnan(x) else round(float(x), 5) for x in values[frames]]
 
         cycles: dict[str, list[list[int]]] = {}
-        for row in self.result.cycles.itertuples():
-            ends = np.searchsorted(self.result.t_s, [row.start_s, row.end_s])
-            cycles.setdefault(f"{row.kind} {row.of}".replace("_", " "), []).append(ends.tolist())
+        table = self.result.cycles
+        for kind, of, start_s, end_s in zip(*(table[name] for name in ("kind", "of", "start_s", "end_s")), strict=True):
+            ends = np.searchsorted(self.raw.t_s, [start_s, end_s])
+            cycles.setdefault(f"{kind} {of}".replace("_", " "), []).append(ends.tolist())
         return {
             "unit": found.unit,
             "frames": frames.tolist(),

@@ -362,8 +362,8 @@ class Desk:
                 result_folder(self.out / name / "page", "share", replace=True) as folder,
                 TemporaryDirectory() as place,
             ):
-                result.write_recording(Path(place))
-                write_page([Path(place) / "recording.rrd"], folder)
+                result.write_recording(Path(place) / name)
+                write_page([Path(place) / name], folder)
             return f"wrote {self.out / name / 'page'}"
         place = self.out / name / "kinematics"
         with result_folder(place, "kinematics", replace=True) as folder:

@@ -2,17 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from mocap.filters.score import Residuals
+from mocap.filters.score import Residuals, joined
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar, root_scalar
+from scipy.optimize import minimize, root_scalar
+from scipy.special import ndtri, stdtrit
 
-from eal.arrays import Z95, Array, frozen
+from eal.arrays import Array, frozen
 
 PRIOR = 12.0
-"""What gaps of one length show of widths and scales is drawn to that of all lengths as if so many gaps more had."""
+"""What gaps of one length show of scales is drawn to that of all lengths as if so many gaps more had, and what those of
+one recording show of the width to what was learned."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,7 +30,8 @@ class Mixture:
         power: See above.
         length: (L,) lengths of gaps in frames, increasing.
         scale: (L, K) factor on the standard deviation that each model states in gaps of these lengths.
-        widen: (L,) factor on the mixture's standard deviation.
+        widen: Factor on the mixture's standard deviation by which errors in hidden gaps are what is stated.
+        dof: Of the estimate of ``widen`` squared: independent errors that tell it as well as those gaps do.
     """
 
     offset: Array
@@ -37,7 +39,8 @@ class Mixture:
     power: float
     length: Array
     scale: Array
-    widen: Array
+    widen: float
+    dof: float
 
     def __post_init__(self) -> None:
         """Copy and freeze."""
@@ -45,7 +48,6 @@ class Mixture:
         object.__setattr__(self, "slope", frozen("slope", self.slope, (len(self.offset),)))
         object.__setattr__(self, "length", frozen("length", self.length, (None,)))
         object.__setattr__(self, "scale", frozen("scale", self.scale, (len(self.length), len(self.offset))))
-        object.__setattr__(self, "widen", frozen("widen", self.widen, (len(self.length),)))
 
     def scaling(self, length: NDArray[np.int64]) -> Array:
         """(K, ...) factors on stated deviations, linear in the logarithms of both; 1 where nothing is missing."""
@@ -62,10 +64,11 @@ class Mixture:
         return weight / weight.sum(axis=0)
 
     def widening(self, length: NDArray[np.int64]) -> Array:
-        """Factor on the deviation, linear in the logarithms of both; 1 where nothing is missing (length 0)."""
-        place = np.log(np.maximum(length, 1))
-        widen = np.exp(np.interp(place, np.log(self.length), np.log(self.widen)))
-        return np.where(np.asarray(length) > 0, widen, 1.0)
+        """Factor on the deviation, for intervals of 1.96 of it to be those of Student's t; 1 where nothing is missing.
+
+        An error over a deviation that is an estimate with so many degrees of freedom follows Student's t.
+        """
+        return np.where(np.asarray(length) > 0, self.widen * stdtrit(self.dof, 0.975) / ndtri(0.975), 1.0)
 
     def combine(
         self, xyz_m: Sequence[Array], cov_m2: Sequence[Array], length: NDArray[np.int64]
@@ -91,10 +94,9 @@ class Mixture:
 
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
         each is multiplied by what makes its root mean square error in stated deviations 1 in the geometric mean over
-        gaps, as if two gaps more had shown that nothing is to be changed; that is for the weights. All widths are
-        multiplied by the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with three such
-        gaps, whatever the scales have become; by 1 where it is less, for a few gaps that were filled well do not tell
-        how other ones will be (docs/experiments/interval_widths.md).
+        gaps, as if two gaps more had shown that nothing is to be changed; that is for the weights.
+
+        What was learned is the prior of the width, and counts as ``PRIOR`` gaps at most, for recordings differ.
 
         Args:
             residuals: What each of the K models missed the hidden samples by.
@@ -103,57 +105,31 @@ class Mixture:
         for part, scaling in zip(residuals, self.scaling(residuals[0].length), strict=True):
             scaled = replace(part, variance=part.variance * scaling[:, None] ** 2)
             found.append(_log_scale(scaled, [gap == one for one in np.unique(gap)]))
-        scaled = replace(self, scale=self.scale * np.exp(_share(gap, 2.0) * np.array(found)))
-        before, after = (_conformal(_widths(mixture, residuals), gap) for mixture in (self, scaled))
-        factor = after / before * max(1.0, before) ** _share(gap, 3.0)
-        return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
-
-
-def with_own_widths(mixture: Mixture, residuals: Sequence[Residuals]) -> Mixture:
-    """The mixture with widths under which root mean square errors are what is stated, for the recording of the gaps.
-
-    What is learned for other recordings is wider (``learn_mixture``): their movement differs by more than gaps of one
-    do. The widths of a length are drawn to that of all as if ``PRIOR`` gaps more had shown it.
-
-    Args:
-        mixture: The mixture.
-        residuals: What each model missed hidden samples of the recording by.
-    """
-    found = mixed_residuals(replace(mixture, widen=np.ones(len(mixture.length))), residuals)
-    overall = _width(found)
-    scaled = replace(found, variance=found.variance * overall**2)
-    widen = [overall * _width(scaled.some(found.length == n), prior=PRIOR) for n in mixture.length]
-    return replace(mixture, widen=np.clip(widen, 0.3, 5.0))
+        scaled = replace(self, scale=self.scale * np.exp(_share(gap, 2.0) * (np.array(found) - np.mean(found))))
+        learned = min(self.dof, PRIOR * residuals[0].error_m.shape[1])
+        own = mixed_residuals(replace(scaled, widen=1.0, dof=np.inf), residuals)
+        return replace(scaled, **_width(own, prior=self.widen, dof=learned))
 
 
 def learn_mixture(residuals: Sequence[Residuals]) -> Mixture:
     """The mixture of K models that fills hidden gaps with the least error: the mean over lengths of log rmse.
 
     A generalisation of stacking (Wolpert 1992). Each model's scale is the root mean square of its errors in units of
-    what it states in gaps of a length. The widening is a quantile of the mixture's errors in units of 1.96 deviations,
-    in gaps that it was not learned from (each fifth of them by the mixture of the others); its level is
-    that of conformal prediction, 95 % (1 + 1 / n) for n errors (Lei et al. 2018), of which a gap is taken to show ten
-    that are independent. Both are drawn to those of all lengths
-    as if ``PRIOR`` gaps more had shown them.
+    what it states in gaps of a length, drawn to those of all lengths as if ``PRIOR`` gaps more had shown them. The
+    width is that of gaps that the mixture was not learned from (each fifth of them by the mixture of the others): in
+    its own gaps a mixture errs by less than in those that it will fill.
 
     Args:
         residuals: What each model missed the same hidden samples by.
     """
-    chosen = _mixture(residuals)
-    gap, length = residuals[0].gap, residuals[0].length
+    chosen, gap = _mixture(residuals), residuals[0].gap
     fold = np.unique(gap, return_inverse=True)[1] % 5
-    ratio = np.empty(residuals[0].error_m.shape)
-    for k in range(5):
+    parts = []
+    for k in np.unique(fold):
         here = fold == k
-        known = chosen if here.all() or not here.any() else _mixture([part.some(~here) for part in residuals])
-        ratio[here] = _widths(known, [part.some(here) for part in residuals])
-    overall = _conformal(ratio, gap)
-    widen = []
-    for n in chosen.length:
-        here = length == n
-        share = _share(gap[here], PRIOR)
-        widen.append(_conformal(ratio[here], gap[here]) ** share * overall ** (1 - share))
-    return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
+        known = chosen if here.all() else _mixture([part.some(~here) for part in residuals])
+        parts.append(mixed_residuals(known, [part.some(here) for part in residuals]))
+    return replace(chosen, **_width(joined(parts), prior=1.0, dof=float(residuals[0].error_m.shape[1])))
 
 
 def mixed_residuals(mixture: Mixture, residuals: Sequence[Residuals]) -> Residuals:
@@ -167,30 +143,35 @@ def mixed_residuals(mixture: Mixture, residuals: Sequence[Residuals]) -> Residua
     return replace(residuals[0], error_m=mean, variance=total * mixture.widening(length)[:, None] ** 2)
 
 
-def _widths(mixture: Mixture, residuals: Sequence[Residuals]) -> Array:
-    """(n, 3) factors, a tenth at least, on a mixture's deviation by which 95 % intervals just hold measurements."""
-    found = mixed_residuals(mixture, residuals)
-    beyond = (found.error_m / Z95) ** 2 - found.noise[:, None]
-    return np.sqrt(np.maximum(beyond / found.variance, 0.01))
+def _width(found: Residuals, *, prior: float, dof: float) -> dict[str, float]:
+    """``widen`` and ``dof`` of a mixture: the factor on its deviations that errors show, drawn to that of a prior.
 
+    The square is the posterior mean of a variance under a scaled inverse chi-square prior (Gelman et al. 2013, Bayesian
+    Data Analysis, section 2.6): the mean of both, by degrees of freedom. What errors show is their mean square, less
+    that of the noise, over what is stated. A sample counts for what it shows (its Fisher information): the square of
+    the estimate's share of the variance. Samples of a gap err alike: the variance of the mean square is the one from
+    gap to gap (the sandwich estimate for clusters), and a gap is no more than one normal error of each coordinate.
+    Degrees of freedom are 2 over the relative variance (Satterthwaite 1946).
 
-def _width(found: Residuals, *, prior: float = 0.0) -> float:
-    """The factor on stated deviations under which normal errors are likeliest, gaps counting alike.
-
-    Without noise the mean square of errors is then what is stated. Its logarithm is drawn to 0 as if ``prior`` gaps
-    more had shown that nothing is to be changed. A gap counts for what it shows (its Fisher information): the square
-    of the estimate's share of the variance, for where measurements err by more than the estimate nothing is seen of it.
+    Args:
+        found: What a mixture misses hidden samples by, its intervals not widened.
+        prior: Factor of the prior.
+        dof: Its degrees of freedom; those of one gap where only the models' own scales speak (a unit information
+            prior: Kass & Wasserman 1995).
     """
-    count = np.unique(found.gap, return_inverse=True, return_counts=True)
-    weight = (1 / count[2][count[1]])[:, None] / found.error_m.shape[1]  # 1 for each gap
-
-    def cost(log_factor: float) -> float:
-        variance = np.exp(2 * log_factor) * found.variance + found.noise[:, None]
-        return float(np.sum(weight * (found.error_m**2 / variance + np.log(variance))))
-
-    best: Any = minimize_scalar(cost, bounds=(-np.log(10), np.log(10)), method="bounded", options={"xatol": 1e-4})
-    shown = float(np.sum(weight * (found.variance / found.expected) ** 2))
-    return float(np.exp(best.x * shown / (shown + prior)))
+    gap = np.unique(found.gap, return_inverse=True)[1]
+    count, n_axes = int(gap.max()) + 1, found.error_m.shape[1]
+    squared, noise, shown = prior**2, found.noise[:, None], 0.0
+    for _ in range(20):  # Fisher scoring: ten rounds were enough on seven recordings, to 1e-9
+        variance = squared * found.variance
+        share = (variance / (variance + noise)) ** 2
+        excess = share * ((found.error_m**2 - noise) / variance - 1)
+        mean = excess.sum() / share.sum()
+        apart = np.bincount(gap, (excess - mean * share).sum(axis=1))
+        varies = np.sum(apart**2) / share.sum() ** 2 * count / max(count - 1, 1)
+        shown = 2 / max(varies, 2 / (count * n_axes))
+        squared = (dof * prior**2 + shown * squared * max(1 + mean, 0.0)) / (dof + shown)
+    return {"widen": float(np.sqrt(squared)), "dof": float(dof + shown)}
 
 
 def _log_scale(part: Residuals, groups: Sequence[NDArray[np.bool_]]) -> float:
@@ -222,8 +203,7 @@ def _mixture(residuals: Sequence[Residuals]) -> Mixture:
 
     def mixture(x: Array) -> Mixture:
         offset, slope = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
-        ones = np.ones(len(lengths))
-        return Mixture(offset=offset, slope=slope, power=1.0, length=lengths, scale=scale, widen=ones)
+        return Mixture(offset=offset, slope=slope, power=1.0, length=lengths, scale=scale, widen=1.0, dof=np.inf)
 
     start = mixture(np.zeros(2 * k - 2))
     error = np.stack([part.error_m for part in residuals])
@@ -236,11 +216,6 @@ def _mixture(residuals: Sequence[Residuals]) -> Mixture:
         return float(level + 0.1 * np.sum(x**2))  # offsets and slopes stay small that gain little
 
     return mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
-
-
-def _conformal(ratio: Array, gap: NDArray[np.int64]) -> float:
-    """The 95 % quantile of ratios, a little more where few gaps show it."""
-    return float(np.quantile(ratio, min(1.0, 0.95 * (1 + 0.1 / len(np.unique(gap))))))
 
 
 def _share(gap: NDArray[np.int64], prior: float) -> float:

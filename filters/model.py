@@ -20,7 +20,7 @@ from mocap.filters.hidden_gaps import (
     own_gaps,
 )
 from mocap.filters.hide import gap_lengths, nearest_length
-from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals, with_own_widths
+from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
@@ -138,12 +138,19 @@ class Members:
     recording: MarkerTrial
 
     def mixed(self, mixture: Mixture) -> "MixedTrack":
-        """What was not seen by the mixture; all else by the pose model."""
-        length = gap_lengths(self.recording.seen)
-        xyz, cov = mixture.combine([f.xyz_m for f in self.found], [f.cov_m2 for f in self.found], length)
-        seen, last = self.recording.seen[..., None], self.found[-1]
+        """What was not seen by the mixture; all else by the pose model.
+
+        What the pose model refused is its own, and as uncertain as what was not seen: others may have believed it.
+        """
+        last, seen = self.found[-1], self.recording.seen
+        used = (seen & last.believed)[..., None]
+        xyz, cov = mixture.combine(
+            [*(np.where(seen[..., None] & ~used, np.nan, f.xyz_m) for f in self.found[:-1]), last.xyz_m],
+            [f.cov_m2 for f in self.found],
+            gap_lengths(used[..., 0]),
+        )
         markers = replace(
-            last, xyz_m=np.where(seen, last.xyz_m, xyz), cov_m2=np.where(seen[..., None], last.cov_m2, cov)
+            last, xyz_m=np.where(used, last.xyz_m, xyz), cov_m2=np.where(used[..., None], last.cov_m2, cov)
         )
         return MixedTrack(markers=markers, eal=last, mixture=mixture)
 
@@ -153,7 +160,7 @@ class MixedTrack:
     """A recording tracked by several models.
 
     Attributes:
-        markers: Those that were not seen are of the mixture; all else is of the pose model.
+        markers: Those that were not seen are of the mixture; all else is of the pose model, widened where refused.
         eal: What the pose model alone says.
         mixture: How they were mixed.
     """
@@ -199,7 +206,7 @@ def track_alone(
         return None
     every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress, call_all)
     residuals = tuple(replace(part, length=nearest_length(part.length)) for part in residuals)
-    return every.mixed(with_own_widths(learn_mixture(residuals), residuals))
+    return every.mixed(learn_mixture(residuals))
 
 
 def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
@@ -331,7 +338,7 @@ def track_with(
 ) -> MixedTrack:
     """Track a recording by all models of a learned one, and mix what they say.
 
-    The mixture's intervals are widened until they hold in gaps that are hidden in the recording itself. The last
+    The mixture's intervals are those that gaps hidden in trials and in the recording itself show. The last
     model stands in for one that this recording cannot be modelled by, as where it has no marker of a limb.
 
     Args:

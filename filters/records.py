@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from mocap.filters.moving import Rates
+from mocap.filters.observations import WHOLE
 from mocap.filters.observe import Observed
+from numpy.typing import NDArray
 
 from eal.arrays import Array, frozen, short_repr
 from eal.over_time import OverTime
@@ -84,6 +86,17 @@ class Estimate:
     held: tuple[HeldLimb, ...] = ()
     angles: Array | None = None
     energies: Array | None = None
+
+    @property
+    def believed(self) -> NDArray[np.bool_]:
+        """(T, M) where a filter used a position of the marker itself, or rays of two cameras to it."""
+        n_markers = self.xyz_m.shape[1]
+        count = np.zeros(self.xyz_m.shape[:2], dtype=np.int64)
+        for frame, seen in enumerate(self.observed):
+            camera, marker = seen.where[seen.weight > 0].T
+            count[frame] = np.bincount(marker[camera >= 0], minlength=n_markers)
+            count[frame, marker[camera == WHOLE]] = 2
+        return count >= 2
 
     @property
     def log_likelihood(self) -> Array:

@@ -8,7 +8,6 @@ import sys
 import tarfile
 import tomllib
 import zipfile
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +38,15 @@ def installed(tmp_path_factory):
     (wheel,) = wheels.iterdir()
     subprocess.run([*pip, "install", "--no-deps", "--target", target, wheel], check=True)
     return target
+
+
+@pytest.fixture(scope="module")
+def sdist(installed):
+    """The source distribution, built from the same copy."""
+    build = "from setuptools.build_meta import build_sdist; build_sdist('../sdist')"
+    subprocess.run([sys.executable, "-c", build], cwd=installed.parent / "source", check=True, capture_output=True)
+    (archive,) = (installed.parent / "sdist").iterdir()
+    return archive
 
 
 def run_there(installed: Path, cwd: Path, *words: str, first: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -113,15 +121,12 @@ def test_the_demo_learns_a_potential_for_each_joint(demo):
         assert potential.potential.value(far) > 0.99
 
 
-def test_wheel_and_sdist_carry_the_licence(installed):
+def test_wheel_and_sdist_carry_the_licence(installed, sdist):
     """The text of ``LICENSE`` in both; the source distribution has all four packages and what they need at run time."""
     text = (ROOT / "LICENSE").read_bytes()
     (licence,) = installed.glob("eal_mocap-*.dist-info/licenses/LICENSE")
     assert licence.read_bytes() == text
-    build = "from setuptools.build_meta import build_sdist; build_sdist('../sdist')"
-    subprocess.run([sys.executable, "-c", build], cwd=installed.parent / "source", check=True, capture_output=True)
-    (archive,) = (installed.parent / "sdist").iterdir()
-    with tarfile.open(archive) as files:
+    with tarfile.open(sdist) as files:
         inside = {name.partition("/")[2] for name in files.getnames()}
         (member,) = [m for m in files.getmembers() if m.name.partition("/")[2] == "LICENSE"]
         found = files.extractfile(member)
@@ -176,40 +181,12 @@ def test_another_datasets_is_left_alone(installed, tmp_path):
     assert not list((tmp_path / "env").rglob("mocap"))
 
 
-def test_hugging_faces_datasets_is_left_alone(installed, tmp_path):
-    """The real one: every file of it is as it was, while ours is there and after ours has gone."""
-    _, pip = environment(tmp_path / "env")
-    from_the_index([*pip, "install", "--no-deps", "--no-compile", "--only-binary", ":all:", "datasets>=4"])
-    (theirs,) = (tmp_path / "env").rglob("datasets/__init__.py")
-    before = contents(theirs.parents[1])
-    assert len(before) > 100
-    (wheel,) = (installed.parent / "wheels").iterdir()
-    subprocess.run([*pip, "install", "--no-deps", "--no-index", "--no-compile", wheel], check=True)
-    found = contents(theirs.parents[1])
-    assert {place: found[place] for place in before} == before
-    assert {place.parts[0] for place in found.keys() - before} == {
-        "mocap",
-        "eal",
-        wheel.name.split("-py")[0] + ".dist-info",
-    }
-    subprocess.run([*pip, "uninstall", "--yes", "eal-mocap"], check=True)
-    assert contents(theirs.parents[1]) == before
-
-
-def contents(folder: Path) -> dict[Path, bytes]:
-    """SHA-256 of each file below a folder."""
-    return {p.relative_to(folder): sha256(p.read_bytes()).digest() for p in folder.rglob("*") if p.is_file()}
-
-
-def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(installed, tmp_path):
+def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(installed, sdist, tmp_path):
     """As a packager of another system has it, and who develops with it from a folder elsewhere, with its resources."""
     folder = installed.parent
-    build = "import sys, setuptools.build_meta as b; b.build_sdist(sys.argv[1])"
-    subprocess.run([sys.executable, "-c", build, tmp_path], cwd=folder / "source", check=True, capture_output=True)
-    (archive,) = tmp_path.glob("*.tar.gz")
     python, pip = environment(tmp_path / "env")
     built = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*built, "-w", tmp_path / "again", archive], cwd=tmp_path, check=True)
+    subprocess.run([*built, "-w", tmp_path / "again", sdist], cwd=tmp_path, check=True)
     (wheel,), (again,) = (folder / "wheels").iterdir(), (tmp_path / "again").iterdir()
     with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(again) as other:
         assert {e.filename: e.CRC for e in one.infolist()} == {e.filename: e.CRC for e in other.infolist()}
@@ -250,12 +227,11 @@ def test_the_conda_recipe_asks_for_what_the_wheel_asks_for():
 OTHERS = ("deeplabcut>=3", "movement", "sleap-io", "napari")
 
 
-@pytest.mark.parametrize("version", ["3.11", "3.12"])
-def test_it_can_stand_beside_the_other_programs_of_the_field(tmp_path, version):
+def test_it_can_stand_beside_the_other_programs_of_the_field(tmp_path):
     """One environment can hold all of them and us, with all our extras; only resolved, not installed."""
     pytest.importorskip("uv", reason="a tool of the locked environment")
     (tmp_path / "others.in").write_text("\n".join(OTHERS) + "\n")
-    uv = [sys.executable, "-m", "uv", "pip", "compile", "--no-header", "--no-annotate", "--python-version", version]
+    uv = [sys.executable, "-m", "uv", "pip", "compile", "--no-header", "--no-annotate", "--python-version", "3.12"]
     command = [*uv, "--all-extras", ROOT / "pyproject.toml", tmp_path / "others.in"]
     found = from_the_index(command, "No solution found").stdout
     versions = dict(line.partition(" ")[0].split("==") for line in found.splitlines() if "==" in line)
@@ -307,26 +283,34 @@ def test_importing_mocap_imports_nothing_else():
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize(
-    ("package", "words", "extra"),
-    [
-        ("jax", ["reproduce", "7"], "mechanics"),
-        ("trimesh", ["design-joint", "somewhere"], "joint-design"),
-        ("starlette", ["digitise", "films", "--calibration", "c", "--skeleton", "s", "--web"], "web"),
-    ],
-)
-def test_an_absent_extra_is_named(tmp_path, package, words, extra):
+ABSENT = {
+    "jax": ("mechanics", ["reproduce", "7"]),
+    "trimesh": ("joint-design", ["design-joint", "somewhere"]),
+    "starlette": ("web", ["digitise", "films", "--calibration", "c", "--skeleton", "s", "--web"]),
+}
+"""Packages, the extras that have them, and commands that need them."""
+
+
+def test_an_absent_extra_is_named(tmp_path):
     """The commands that need it say in one line how to install it; nothing is written."""
-    block = f"import sys; sys.modules[{package!r}] = None\n"
-    hide = "import importlib.util as u; f = u.find_spec\n"
-    hide += f"u.find_spec = lambda n, *a: None if n == {package!r} else f(n, *a)\n"
-    command = f"{block}{hide}from mocap.cli.main import main; main()"
-    out = tmp_path / "out"
-    done = run_there(ROOT, tmp_path, "-c", command, *words, "--out", str(out))
-    assert done.returncode == 1
-    assert f"pip install 'eal-mocap[{extra}]'" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert not out.exists() or not [p for p in out.iterdir() if not p.name.startswith(".")]
+    commands = [["mocap", *words, "--out", str(tmp_path / "out")] for _, words in ABSENT.values()]
+    script = (
+        "import importlib.util as u, sys\n"
+        f"absent, find = {list(ABSENT)}, u.find_spec\n"
+        "sys.modules.update(dict.fromkeys(absent))\n"
+        "u.find_spec = lambda n, *a: None if n in absent else find(n, *a)\n"
+        "from mocap.cli.main import main\n"
+        f"for sys.argv in {commands}:\n"
+        "    try:\n"
+        "        main()\n"
+        "    except SystemExit as stopped:\n"
+        "        assert stopped.code == 1\n"
+    )
+    done = run_there(ROOT, tmp_path, "-c", script)
+    assert done.returncode == 0, done.stderr
+    for line, (extra, _) in zip(done.stderr.strip().splitlines(), ABSENT.values(), strict=True):
+        assert f"pip install 'eal-mocap[{extra}]'" in line
+    assert not [p for p in tmp_path.rglob("*") if not p.name.startswith(".")]
 
 
 def test_the_main_job_needs_no_extra():

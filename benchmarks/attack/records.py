@@ -98,7 +98,7 @@ def sound(folder: Path) -> None:
     trials = tuple(MarkerTrial(name=n, t_s=np.arange(40) / 100, xyz_m=xyz, sd_m=sd) for n in "uv")
     mixture = Mixture(
         offset=np.zeros(2), slope=np.zeros(2), power=1.0, length=np.array([10.0, 50.0]), scale=np.ones((2, 2)),
-        widen=np.ones(2),
+        widen=1.0, dof=36.0,
     )  # fmt: skip
     model = LearnedModel(
         names=tuple("abcde"), trunk=("a", "b"), bones=(("a", "b"),), trials=trials,
@@ -165,7 +165,6 @@ ENDS: Mapping[str, Tampering] = {
     "mixture_length": lambda a: a[::-1],
     "sd": lambda a: -a,
     "scale": lambda a: -a,
-    "widen": lambda a: -a,
     "weights": lambda a: -a,
     "eigenvalues": lambda a: a[::-1],
     "covariance": lambda a: -a,

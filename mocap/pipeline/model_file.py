@@ -19,13 +19,15 @@ from mocap.filters.poses import MarkerTrial
 from mocap.pipeline.model_settings import read, written
 from mocap.schema import POSITIVE, Entry, Schema, checked, names
 
-FORMAT = "eal-mocap model 11"
+FORMAT = "eal-mocap model 12"
 _HEADER: Schema = {
     "names": names("markers", filled=True),
     "trunk": names(among="names"),
     "bones": Entry(kind="s", shape=(None, 2), among="names"),
     "trials": Entry(kind="s", shape=(None,), filled=True),
     "power": Entry(least=0.0),
+    "widen": Entry(least=POSITIVE),
+    "dof": Entry(least=POSITIVE),
 }
 _BODY: Schema = {"names": names("markers"), "body": names(among="names", filled=True)}
 _TRIAL: Schema = {
@@ -38,7 +40,6 @@ _MIXTURE: Schema = {
     "slope": Entry(shape=("models",)),
     "length": Entry(shape=("lengths",), least=POSITIVE, rising=True, filled=True),
     "scale": Entry(shape=("lengths", "models"), least=POSITIVE),
-    "widen": Entry(shape=("lengths",), least=POSITIVE),
 }
 _SHOWN: Schema = {
     "pose_mean_m": Entry(shape=("markers", 3), needed=False),
@@ -86,13 +87,13 @@ def save_model(learned: LearnedModel, path: Path) -> None:
         "trials": [trial.name for trial in learned.trials],
         "models": [written(model) for model in learned.models],
         "descriptions": [model.description for model in learned.models],
-        "power": learned.mixture.power,
+        **{name: getattr(learned.mixture, name) for name in ("power", "widen", "dof")},
         "scores": learned.scores,
     }
     arrays: dict[str, Array] = {}
     for i, trial in enumerate(learned.trials):
         arrays |= {f"trial_{i}_t_s": trial.t_s, f"trial_{i}_xyz_m": trial.xyz_m, f"trial_{i}_sd_m": trial.sd_m}
-    for name in ("offset", "slope", "length", "scale", "widen"):
+    for name in ("offset", "slope", "length", "scale"):
         arrays[f"mixture_{name}"] = getattr(learned.mixture, name)
     everything: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays}
     everything |= learned.models[-1].learned_arrays(own_trials(learned))
@@ -142,6 +143,6 @@ def load_model(path: Path) -> LearnedModel:
         bodies=tuple(map(tuple, bodies)),
         trials=tuple(trials),
         models=models,
-        mixture=Mixture(power=float(known["power"]), **mixture),
+        mixture=Mixture(power=float(known["power"]), widen=float(known["widen"]), dof=float(known["dof"]), **mixture),
         scores=header["scores"],
     )

@@ -218,6 +218,7 @@ def with_track(
     used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
+    believed[inside] = smoothed.believed
     for frame, seen in enumerate(smoothed.observed, start=part.frames.start):
         rays = seen.where[:, 0] >= WHOLE  # not what other markers of a body say
         camera, marker = seen.where[rays, 0], part.markers[seen.where[rays, 1]]
@@ -225,8 +226,6 @@ def with_track(
         used[camera[ok & ~whole], frame, marker[ok & ~whole]] = True
         used[:, frame, marker[ok & whole]] |= np.isfinite(recording.uv_px[:, frame][:, marker[ok & whole], 0])
         innovation[camera[~whole], frame, marker[~whole]] = missed[~whole, :2]
-        believed[frame, marker[ok & whole]] = True
-    believed |= used.sum(axis=0) >= 2
     origin = _origins(recording, believed, np.isfinite(xyz[..., 0]))
     origin[moved(recording, xyz, cov).far & (origin == Status.MEASURED)] = Status.REJECTED
     cov += jump_cov(recording, xyz, origin)

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.arena.flights import PAIRS, Flight
 from benchmarks.arena.judge import Names, errors, names
-from benchmarks.arena.methods import Outcome, authors, butterworth, low_pass, triangulation
+from benchmarks.arena.methods import Outcome, authors, butterworth, triangulation
 from benchmarks.arena.peers import anipose, kalman_smoother
 from mocap.cameras.camera import project, stacked
 from mocap.cleaning.swaps import Swap
@@ -60,16 +60,6 @@ def test_the_authors_repair_puts_an_exchanged_camera_right(flight):
     assert np.linalg.norm(repaired - xyz, axis=-1)[30:60, wrists].max() < 1e-4
     others = [m for m in range(16) if m not in wrists]
     np.testing.assert_allclose(plain[:, others], xyz[:, others], atol=1e-9)
-
-
-def test_a_low_pass_leaves_a_straight_way(flight):
-    """To what its ends bend; gaps are bridged, nothing is given before the first sighting."""
-    _, xyz = flight
-    holes = xyz.copy()
-    holes[:5, 0] = holes[40:50, 1] = np.nan
-    found = low_pass(holes)
-    assert np.isnan(found[:5, 0]).all()
-    np.testing.assert_allclose(found[20:100, 1], xyz[20:100, 1], atol=1e-4)
 
 
 def test_judges_count_what_people_can_see(flight):

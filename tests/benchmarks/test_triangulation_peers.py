@@ -12,8 +12,6 @@ from benchmarks.triangulation import (
     bat_views,
     lstsq_loop,
     methods,
-    opencv_loop,
-    opencv_pairs,
     scipy_loop,
     table,
 )
@@ -59,12 +57,6 @@ def test_refined_points_are_those_of_scipy(noisy):
     start = linear(matrices, uv)
     ours, _ = refine(matrices, uv, start, sd_px=SD_PX)
     np.testing.assert_allclose(ours, scipy_loop(matrices, uv, start), rtol=0, atol=1e-8)
-
-
-def test_opencv_by_pairs_is_the_same_at_once_and_point_by_point(noisy):
-    """The batch leaves out exactly the cameras that do not see a point."""
-    matrices, uv, _ = points(noisy)
-    np.testing.assert_allclose(opencv_pairs(matrices, uv), opencv_loop(matrices, uv), rtol=0, atol=1e-9)
 
 
 def test_the_quick_table_is_printed(noisy, capsys):

@@ -28,11 +28,11 @@ def draw(rng, n):
 
 @pytest.fixture(scope="module")
 def monte_carlo():
-    """Sup |V_j - V_z| and |T_z - T_rho| for lambda at mid-gap, 40 draws at each N, tail and projection."""
+    """Sup |V_j - V_z| and |T_z - T_rho| for lambda at mid-gap, 20 draws at each N, tail and projection."""
     rng, lam, found = np.random.default_rng(5), 0.5 * (LAMBDAS[2] + LAMBDAS[3]), {}
-    for n in (250, 1000, 4000):
+    for n in (250, 1000, 2000):
         rows = []
-        for _ in range(40):
+        for _ in range(20):
             angle, z = draw(rng, n)
             row = [circle.operator_error(angle, 1.0)]
             for spectral_filter in (Tail(), Projection()):
@@ -196,7 +196,11 @@ def test_13_theorem_3_as_printed_is_violated():
     potential = over_lambda(experiment.samples(400), experiment.kernel, np.array([1e-6]))[0]
     start = np.array([1.0, 0.0])
     run = simulate(
-        PenalisedModel(system=experiment.system, penalty=potential, strength=1e3), start, np.zeros(2), duration_s=1.0
+        PenalisedModel(system=experiment.system, penalty=potential, strength=1e3),
+        start,
+        np.zeros(2),
+        duration_s=1.0,
+        h_s=5e-4,
     )
     peak = potential.value(run.q).max()
     assert bounds.theorem3_printed(1e3, kinetic0=0.0, potential0=0.0) == 0.0
@@ -246,26 +250,22 @@ def test_state_error_has_a_least():
 
 
 def test_18_growth_with_time_is_not_integration_error():
-    """Sup |r-1| over 0.1 s and 0.3 s at 1e4 agrees to 1 % between h = 1e-4 and 2e-5 s while it grows by more."""
+    """Sup |r-1| over 0.05 s and 0.3 s agrees to 1.5 % between h = 1e-4 and 5e-5 s while it grows by more."""
     experiment = planar()
     potential = over_lambda(experiment.samples(400), experiment.kernel, np.array([1e-6]))
     times = (0.05, 0.3)
     coarse = errors(experiment, potential, np.array([1e4, 1e6]), durations_s=times)[0][:, 0]
-    fine = errors(experiment, potential, np.array([1e4, 1e6]), durations_s=times, h_s=2e-5)[0][:, 0]
+    fine = errors(experiment, potential, np.array([1e4, 1e6]), durations_s=times, h_s=5e-5)[0][:, 0]
     assert np.abs(coarse / fine - 1).max() < 0.015
     assert (coarse[1] / coarse[0] > 1.05).all()
 
 
-@pytest.mark.parametrize(
-    ("theta0", "lam"),
-    [("1e-2", 0.0025), ("1e-3", 0.0002), ("1e-4", 1e-5), ("1e-5", 1.03e-6)],
-)
-def test_reference_plateaus_of_figure_14a(theta0, lam):
+def test_reference_plateaus_of_figure_14a():
     """Plateaus at 1/eps^2 = 1e6 within a factor 1.5 of numbers that were computed independently."""
-    experiment = planar()
-    potential = over_lambda(experiment.samples(400), experiment.kernel, np.array([float(theta0)]))
-    found = errors(experiment, potential, np.array([1e6]))[0][0, 0, 0]
-    assert lam / 1.5 < found < lam * 1.5
+    experiment, expected = planar(), np.array([0.0025, 0.0002, 1e-5, 1.03e-6])
+    potentials = over_lambda(experiment.samples(400), experiment.kernel, np.array([1e-2, 1e-3, 1e-4, 1e-5]))
+    found = errors(experiment, potentials, np.array([1e6]))[0][0, :, 0]
+    assert (np.abs(np.log(found / expected)) < np.log(1.5)).all()
 
 
 def test_bad_settings_of_bounds_are_named():

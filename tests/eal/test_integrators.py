@@ -84,7 +84,7 @@ def test_step_beyond_the_limit_is_refused(swing):
     model = PenalisedModel(system=PENDULUM, penalty=potential, strength=1e8)
     with pytest.raises(StabilityError, match=r"stability limit 6.67e\+07 of rk4 with a step of 0.0001 s"):
         simulate(model, START, REST, duration_s=0.01)
-    stiff = integrate_adaptive(model.acceleration, START, REST, t_s=np.linspace(0, 0.01, 3), method="Radau", rtol=1e-6)
+    stiff = integrate_adaptive(model.acceleration, START, REST, t_s=np.linspace(0, 0.002, 3), method="Radau", rtol=1e-6)
     assert np.abs(stiff.q[:, 0] - 1).max() < 1e-5
 
 

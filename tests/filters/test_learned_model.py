@@ -35,7 +35,7 @@ def twin(seed):
 
 @pytest.fixture(scope="module")
 def flights():
-    return [twin(seed) for seed in range(6)]
+    return [twin(seed) for seed in range(5)]
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +59,9 @@ def without(trial, hole, markers):
 
 @pytest.fixture(scope="module")
 def filled(learned, flights):
-    """A wing of four other flights, hidden for 50 frames (two beats) at four places: misses and deviations."""
+    """A wing of three other flights, hidden for 50 frames (two beats) at three places: misses and deviations."""
     parts = []
-    places = ((10, [4, 5]), (15, [6, 7]), (20, [4, 5]), (25, [6, 7]))
+    places = ((10, [4, 5]), (15, [6, 7]), (25, [6, 7]))
     for (trial, truth), (start, wing) in zip(flights[2:], places, strict=True):
         hole = slice(start, start + 50)
         shown = without(trial, range(start, start + 50), [NAMES[m] for m in wing])
@@ -84,11 +84,11 @@ def test_a_wing_is_filled_far_better_than_by_constant_velocity(filled):
 def test_intervals_hold_the_truth(filled):
     """88 % or more of the coordinates in gaps of flights that were not learned from lie inside 95 % intervals.
 
-    Of a model of two flights these are wide, but less than twice as wide as they should be.
+    Of a model of two flights, learned on five gaps, they are wide: z of these four gaps is 0.76 (1 is right).
     """
     z = np.concatenate([(miss / sd).ravel() for miss, _, sd, _, _ in filled])
     assert np.mean(np.abs(z) <= 1.959964) >= 0.88
-    assert np.sqrt(np.mean(z**2)) > 0.5
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.2
 
 
 def test_what_is_seen_is_kept(filled, flights):

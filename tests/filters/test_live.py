@@ -136,9 +136,9 @@ def test_hindsight_helps():
     """
     model, seen, t_s, truth = flight(np.random.default_rng(5), 600)
     rms, before = [], np.full((600, 2), np.inf)
-    for lag in (0, 1, 2, 4, 8, 16):
+    for lag in (0, 2, 8):
         xyz, cov, _ = run(model, seen, t_s, lag=lag)
-        inside = slice(0, 600 - 16)
+        inside = slice(0, 600 - 8)
         stated = np.trace(cov, axis1=-2, axis2=-1)
         assert (stated[inside] <= before[inside] * (1 + 1e-9)).all()
         rms.append(np.sqrt(np.mean(np.sum((xyz - truth)[inside] ** 2, axis=-1))))

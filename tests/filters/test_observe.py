@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mocap.filters.ensemble import Gaussian, default_points, update
 from mocap.filters.gaussian import Markers, View
@@ -140,6 +140,7 @@ def expected_weights(state, sights, depends, weight):
 
 
 @given(seed=st.integers(0, 1000), dof=st.floats(1.0, 30.0))
+@settings(max_examples=12)
 def test_students_weights_are_a_fixed_point_of_their_formula(seed, dof):
     """A round is the formula with the posterior of the round before; after many rounds nothing changes any more.
 
@@ -161,7 +162,7 @@ def test_students_weights_are_a_fixed_point_of_their_formula(seed, dof):
     np.testing.assert_allclose(expected_weights(state, sights, depends, settled), settled, rtol=1e-6)
 
 
-@pytest.mark.parametrize(("dof", "n_rays"), [(3.0, 4), (4.0, 8), (8.0, 4)])
+@pytest.mark.parametrize(("dof", "n_rays"), [(3.0, 4), (8.0, 4)])
 def test_intervals_of_students_rays_hold(dof, n_rays):
     """Of a point with a normal prior, seen by rays with errors of Student's t: 95 % intervals hold 95 %, in 1500 draws.
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.model import members, models_alone, track_alone
 from mocap.filters.models.base import TrialSet, estimate
@@ -24,13 +25,19 @@ def lost_wing(frames):
     return replace(trial, xyz_m=xyz)
 
 
-def test_a_lost_wing_is_found_by_the_mixture():
-    """Nearer than by constant velocity, within 2 mm of the 20 that it deviates by, with an interval that says so."""
-    gap = slice(40, 70)
-    trial = lost_wing(gap)
+@pytest.fixture(scope="module")
+def lost():
+    """The animal without its wing in frames 40 to 69, what is seen, and the track of it alone."""
+    trial = lost_wing(slice(40, 70))
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     both = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
     assert both is not None
+    return trial, seen, both
+
+
+def test_a_lost_wing_is_found_by_the_mixture(lost):
+    """Nearer than by constant velocity, within 2 mm of the 20 that it deviates by, with an interval that says so."""
+    gap, (trial, seen, both) = slice(40, 70), lost
     found = both.markers
     plain = estimate(MarkerSettings(), TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
     miss, plainly = (f.xyz_m[gap, 5] - trial_of(3).xyz_m[gap, 5] for f in (found, plain))
@@ -39,12 +46,9 @@ def test_a_lost_wing_is_found_by_the_mixture():
     assert np.mean(np.abs(miss) < 1.96 * np.sqrt(sd**2 + 1e-8)) > 0.85
 
 
-def test_what_is_seen_is_the_filter_s_own():
+def test_what_is_seen_is_the_filter_s_own(lost):
     """Where the marker was measured nothing is mixed: positions and covariances are those of the pose model."""
-    trial = lost_wing(slice(40, 70))
-    seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-    both = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
-    assert both is not None
+    trial, seen, both = lost
     found, alone = both.markers, both.eal
     own = estimate(SETTINGS, TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
     np.testing.assert_allclose(alone.xyz_m, own.xyz_m, atol=1e-12)
@@ -52,12 +56,9 @@ def test_what_is_seen_is_the_filter_s_own():
     np.testing.assert_array_equal(found.cov_m2[trial.seen], alone.cov_m2[trial.seen])
 
 
-def test_members_mixed_later_are_the_track():
+def test_members_mixed_later_are_the_track(lost):
     """Members that are mixed by what a track has found are that track."""
-    trial = lost_wing(slice(40, 70))
-    seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-    first = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
-    assert first is not None
+    trial, seen, first = lost
     alone = TrialSet([trial], Anatomy((0, 1, 2, 3)))
     again = members(models_alone(SETTINGS, alone), alone, seen).mixed(first.mixture)
     np.testing.assert_array_equal(again.markers.xyz_m, first.markers.xyz_m)

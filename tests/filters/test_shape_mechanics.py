@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mocap.filters.motion.shape import LinearShape
 from scipy.integrate import solve_ivp
@@ -29,6 +29,7 @@ def oscillator(rng, rank=RANK, hz=9.0):
 
 
 @given(seed=st.integers(0, 1000), dt_s=st.floats(1e-4, 0.1))
+@settings(max_examples=8)
 def test_linear_shapes_flow_exactly(seed, dt_s):
     """Mean and every column of the transition as SciPy integrates them, over steps of up to a wing beat."""
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap.calibration.boards import Charuco, Checkerboard, Corners
+from mocap.calibration.boards import Checkerboard, Corners
 from mocap.calibration.detect import BoardViews
 from mocap.calibration.rig import RigCamera, rig_camera, turn
 from mocap.cameras.lens import BrownLens, Lens
@@ -12,7 +12,6 @@ from tests.mocap.rigs import ring
 
 SIZE = (1280, 1024)
 BOARD = Checkerboard(columns=9, rows=6, square_m=0.03)
-CHARUCO = Charuco(columns=10, rows=7, square_m=0.03, marker_m=0.022, dictionary="DICT_4X4_50")
 
 
 def rig(n: int, lens: Lens | None = None) -> tuple[RigCamera, ...]:

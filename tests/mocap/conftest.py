@@ -1,28 +1,59 @@
-"""Results are written whole, but for the ink of their figures; sound HDF5 is read without a process of its own."""
+"""Results are written whole, but for what is there to be looked at; sound files are read without another process."""
+
+import pickle
+from functools import partial
 
 import pytest
 
-from mocap.io import head
+from mocap.io import head, matlab
+from mocap.io.apart import read_apart
 from mocap.io.bounds import most_bytes
 from mocap.io.hdf5_process import names
+from mocap.io.matlab_process import values
+from mocap.pipeline import potentials
 from mocap.plots import figures
+from mocap.rerun import record
+
+CHOSEN = {}
+"""What was chosen for which samples: many tests track the same recording, whose potentials take a third of it."""
+
+
+def chosen_once(choose, samples, **options):
+    """The same, of the very same samples, is looked for once."""
+    key = pickle.dumps((samples, options))
+    if key not in CHOSEN:
+        CHOSEN[key] = choose(samples, **options)
+    return CHOSEN[key]
 
 
 @pytest.fixture(autouse=True, scope="module")
-def figures_without_ink(request):
-    """Figures are built but not drawn, which takes half of the time of a result: but where a file looks at them.
+def without_pictures(request):
+    """Figures are built but not drawn, and no recording for the viewer is made, which take half the time of a result.
 
-    Such a file says ``INK = True``.
+    A file that looks at figures says ``INK = True``; what looks at recordings sets ``write_recording`` again.
     """
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(potentials, "choose", partial(chosen_once, potentials.choose))
         if not getattr(request.module, "INK", False):
             patch.setattr(figures, "drawn", lambda _figure, kind: f"<{kind}/>".encode())
+            patch.setattr(record, "write_recording", lambda _run, path, **_options: path.write_bytes(b"RRF2"))
         yield
 
 
-@pytest.fixture(scope="module")
-def hdf5_here():
-    """HDF5 files, none of which is damaged, are walked through in this process; another one takes 0.3 s to start."""
+@pytest.fixture(autouse=True, scope="module")
+def read_here(request):
+    """HDF5 and MATLAB files are read in this process, as another one takes half a second to start.
+
+    What this one cannot read is left to the other; a file that damages them says ``DAMAGED = True``.
+    """
+
+    def here(path, script, **options):
+        try:
+            return {"hdf5_process": names, "matlab_process": values}[script](str(path), most_bytes(path))
+        except Exception:
+            return read_apart(path, script, **options)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(head, "read_apart", lambda path, *_, **__: names(str(path), most_bytes(path)))
+        for room in (head, matlab) if not getattr(request.module, "DAMAGED", False) else ():
+            patch.setattr(room, "read_apart", here)
         yield

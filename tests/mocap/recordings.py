@@ -10,6 +10,7 @@ from mocap.datasets.recording import SyntheticRecording
 
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.records import Status
+from mocap.skeleton import Skeleton
 
 NAMES = st.text(st.characters(exclude_categories=("C", "Z")) | st.sampled_from(" ,;.:'\"-_"), min_size=1, max_size=12)
 """Letters of any script, spaces, commas and quotes; no line ends or tabs."""
@@ -66,9 +67,9 @@ def pixel_recordings(draw: st.DrawFn) -> FileContents:
 
 
 def with_markers(made: SyntheticRecording, names: Sequence[str]) -> SyntheticRecording:
-    """A made recording of which some markers are digitised: pixels and truth of these alone."""
+    """A made recording of which some markers are digitised: pixels, truth and skeleton of these alone."""
     some = [made.truth.names.index(name) for name in names]
-    truth = made.truth
+    truth, whole, known = made.truth, made.skeleton, set(names)
     return replace(
         made,
         **{name: getattr(made, name)[..., some] for name in ("occluded", "lost", "outlier", "contact")},
@@ -79,5 +80,13 @@ def with_markers(made: SyntheticRecording, names: Sequence[str]) -> SyntheticRec
             xyz_m=truth.xyz_m[:, some],
             cov_m2=truth.cov_m2[:, some],
             status=truth.status[:, some],
+        ),
+        skeleton=Skeleton(
+            name=whole.name,
+            markers=tuple(names),
+            bones=tuple(bone for bone in whole.bones if {bone.a, bone.b} <= known),
+            joints=tuple(joint for joint in whole.joints if {joint.parent, joint.centre, joint.child} <= known),
+            trunk=tuple(marker for marker in whole.trunk if marker in known),
+            max_speed_m_s=whole.max_speed_m_s,
         ),
     )

@@ -17,6 +17,7 @@ from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, tr
 from mocap.pipeline.long import LongRecording, long_recording
 from mocap.pipeline.recording import of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
+from mocap.rerun.record import write_recording
 from mocap.results.long_result import load_range, write_in_blocks
 from mocap.skeleton import Joint, Skeleton
 
@@ -149,6 +150,7 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
 
     from mocap.rerun.stored import read_recording
 
+    monkeypatch.setattr("mocap.rerun.record.write_recording", write_recording)
     monkeypatch.setattr("mocap.results.long_result.OVERVIEW", 250)
     report = in_blocks(bat, tmp_path / "out", size=400)
     assert report["overview"] == {"every": 3, "frames": 234}
@@ -166,6 +168,7 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
 def test_the_command_line(folder, tmp_path, monkeypatch, capsys):
     """``mocap track --blocks`` gives the tables, ``mocap.load`` any of their frames; what cannot be is refused."""
     source = folder / "markers.parquet"
+    monkeypatch.setattr("mocap.rerun.record.write_recording", write_recording)
 
     def run(*words: object) -> int:
         monkeypatch.setattr("sys.argv", ["mocap", *map(str, words)])

@@ -82,14 +82,15 @@ def known_points(tmp_path):
     return tmp_path, xyz, pixels, stacked(cameras)
 
 
-@pytest.mark.parametrize("how", SPREADSHEETS)
-@pytest.mark.parametrize("titles", [True, False])
+@pytest.mark.parametrize(
+    ("how", "titles"),
+    [("decimal commas", False), ("Windows-1252", True), ("empty columns", False), ("workbook", True)],
+)
 def test_known_points(known_points, how, titles):
     """The coefficients are the same to the last bit, and the report says how the tables were read."""
     folder, xyz, pixels, want = known_points
     if how == "Windows-1252":
         xyz, pixels = xyz.assign(größe=0.0), pixels.assign(größe=0.0)
-        titles = True
     first = spreadsheet(folder / "points.csv", how, xyz, titles=titles)
     second = spreadsheet(folder / "pixels.csv", how, pixels, titles=titles)
     cameras, report = from_points(first, second, unit_m=1e-3)
@@ -125,7 +126,7 @@ def known_wand(tmp_path_factory):
     return pixels, pd.read_csv(folder / "profile.txt", sep=" ", header=None), stacked(cameras)
 
 
-@pytest.mark.parametrize("how", SPREADSHEETS)
+@pytest.mark.parametrize("how", ["decimal commas", "UTF-16", "Windows-1252", "workbook"])
 def test_a_wand_and_its_profile(tmp_path, known_wand, how):
     """Cameras from a wand are the same to the last bit from the plain files and from a spreadsheet's."""
     pixels, lenses, want = known_wand

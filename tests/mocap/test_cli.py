@@ -13,14 +13,19 @@ from mocap.datasets import make_bat, write_recording
 from mocap.cli.main import main
 from mocap.io.dltdv import read_points
 from mocap.io.manifest import MANIFEST
+from tests.mocap.recordings import with_markers
 from tests.real_data import real
 
 FPS = 240.0
+MARKERS = ("snout", "head", "ear_l", "ear_r", "sternum", "back", "pelvis", *(
+    f"{joint}_{side}" for joint in ("shoulder", "elbow", "wrist", "ankle") for side in "lr"
+))  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    return write_recording(make_bat(seed=3, n_frames=60, n_cameras=4), tmp_path_factory.mktemp("bat"))
+    bat = with_markers(make_bat(seed=3, n_frames=60, n_cameras=4), MARKERS)
+    return write_recording(bat, tmp_path_factory.mktemp("bat"))
 
 
 def track_arguments(files, out, **changed) -> list:
@@ -69,7 +74,7 @@ def test_track_writes_all_that_scripts_rely_on(files, out):
     first, last = np.argmax(seen, axis=0), len(seen) - 1 - np.argmax(seen[::-1], axis=0)
     index = np.arange(len(seen))[:, None]
     inside = ~seen & (index > first) & (index < last)
-    assert inside.sum() > 50
+    assert inside.sum() > 10
     assert np.isin(origin[inside], ["smoothed"]).all()
     assert np.isfinite(sd[inside]).all()
     report = json.loads((out / "report.json").read_text())
@@ -274,14 +279,6 @@ def test_our_own_refined_points_are_not_audited(mocap, files, tmp_path):
         assert "stored points" not in err
 
 
-@pytest.mark.parametrize("option", [("--pixel-sd", 0), ("--pixel-sd", "nan"), ("--image-height", -5), ("--fps", 0)])
-def test_numbers_that_make_no_sense(mocap, files, tmp_path, option):
-    """The option is named."""
-    code, _, err = mocap(*track_arguments(files, tmp_path / "run"), *option)
-    assert code == 1
-    assert option[0] in err
-
-
 def test_a_recording_in_which_nothing_moves(mocap, files, tmp_path):
     """A frame held still has no motion to learn: it is tracked with constant velocity, and the report says why."""
     table = pd.read_csv(files["pixels"])
@@ -334,14 +331,13 @@ def test_it_is_a_program():
 def test_figures_of_the_paper(mocap, tmp_path, monkeypatch):
     """A picture, a table and verdicts for each figure that is asked for; others are named."""
     monkeypatch.delenv("MOCAP_REAL_DATA", raising=False)
-    code, _, err = mocap("reproduce", "14a", "--quick", "--out", tmp_path / "figures")
+    code, _, err = mocap("reproduce", "7", "--quick", "--out", tmp_path / "figures")
     assert code == 0, err
     assert {p.name for p in (tmp_path / "figures").iterdir()} == {
-        "fig14a.png", "fig14a.csv", "figures.md", "verdicts.json", MANIFEST,
+        "fig7.png", "fig7.csv", "figures.md", "verdicts.json", MANIFEST,
     }  # fmt: skip
-    table = pd.read_csv(tmp_path / "figures" / "fig14a.csv")
-    assert {"lambda", "penalty", "constraint_error"} <= set(table.columns)
-    assert "slope" in err
+    assert list(pd.read_csv(tmp_path / "figures" / "fig7.csv").columns) == ["q2", "q1", "value"]
+    assert "the samples are a valley" in err
     code, _, err = mocap("reproduce", "99", "--out", tmp_path / "none")
     assert code == 1
     assert "14a" in err

@@ -5,9 +5,6 @@ import hashlib
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from mocap.cameras.camera import dlt_camera, dlt_coefficients, project, stacked
 from mocap.io.csv_table import read_table
@@ -25,18 +22,6 @@ from mocap.records import MarkerTracks, PixelTracks, Status
 HALF_DIGIT = 0.5000001e-6
 """Files carry six decimals: a value comes back within half of the last."""
 
-NAMES = st.lists(
-    st.text(st.characters(exclude_categories=("C", "Zl", "Zp", "Zs")) | st.just(" "), min_size=1, max_size=12).filter(
-        lambda name: name == name.strip()
-    ),
-    min_size=1,
-    max_size=4,
-    unique=True,
-)
-"""Any printable names: commas, quotes, spaces inside, letters of any script."""
-
-NUMBERS = st.floats(-9000, 9000, allow_subnormal=False) | st.just(np.nan) | st.just(0.0)
-
 
 def make_pixels(names, uv_px):
     n_cameras, n_frames = np.shape(uv_px)[:2]
@@ -53,38 +38,6 @@ def make_points(names, xyz_m, sd_m=np.nan):
         cov_m2=np.broadcast_to(sd_m, xyz_m.shape[:2])[..., None, None] ** 2 * np.eye(3),
         status=np.where(np.isnan(xyz_m[..., 0]), Status.MISSING, Status.MEASURED),
     )
-
-
-@pytest.fixture(scope="module")
-def scratch(tmp_path_factory):
-    return tmp_path_factory.mktemp("dltdv")
-
-
-@given(data=st.data(), names=NAMES, n_cameras=st.integers(1, 3), n_frames=st.integers(1, 4))
-def test_pixels_come_back(scratch, data, names, n_cameras, n_frames):
-    """Writing and reading 2D tracks is the identity to the last of six decimals, for names of any kind."""
-    uv = data.draw(arrays(float, (n_cameras, n_frames, len(names), 2), elements=NUMBERS))
-    pixels = make_pixels(names, uv)
-    path = scratch / "a_xypts.csv"
-    write_pixels(path, pixels)
-    back = read_pixels(path, fps=100.0)
-    assert back.names == pixels.names
-    assert back.cameras == pixels.cameras
-    np.testing.assert_allclose(back.uv_px, pixels.uv_px, rtol=0, atol=HALF_DIGIT)
-    np.testing.assert_allclose(back.t_s, pixels.t_s, rtol=1e-15)
-
-
-@given(data=st.data(), names=NAMES, n_frames=st.integers(1, 4))
-def test_points_come_back(scratch, data, names, n_frames):
-    """Writing and reading 3D tracks is the identity to the last of six decimals; zero is a place, NaN is none."""
-    xyz = data.draw(arrays(float, (n_frames, len(names), 3), elements=NUMBERS))
-    xyz[np.isnan(xyz).any(axis=-1)] = np.nan
-    path = scratch / "a_xyzpts.csv"
-    write_points(path, make_points(names, xyz))
-    back = read_points(path, fps=100.0)
-    assert back.names == tuple(names)
-    np.testing.assert_allclose(back.xyz_m, xyz, rtol=0, atol=HALF_DIGIT)
-    np.testing.assert_array_equal(back.status == Status.MISSING, np.isnan(xyz[..., 0]))
 
 
 def test_the_origin_of_the_world_is_a_position(tmp_path):

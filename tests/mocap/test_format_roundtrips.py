@@ -16,7 +16,6 @@ from mocap.io.registry import FORMATS, identify, read, write
 from mocap.records import Status
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
 
-pytestmark = pytest.mark.usefixtures("hdf5_here")
 NANOMETRE, MICROMETRE = 1e-9, 1e-6
 FILES = {
     "csv-wide": ("a.csv", 0.0),  # shortest digits that come back to the last bit
@@ -65,7 +64,7 @@ def test_a_place_that_is_rounded_to_zero_is_no_gap(tmp_path, name, least):
 
 @pytest.mark.parametrize("name", FILES)
 @given(data=st.data())
-@settings(max_examples=15)
+@settings(max_examples=10)
 def test_points_come_back(scratch, name, data):
     """Names, frame numbers, rate, positions to the stated digits, gaps as gaps, and the origin where it can be said."""
     recording = data.draw(point_recordings())
@@ -94,7 +93,7 @@ def test_points_come_back(scratch, name, data):
 
 @pytest.mark.parametrize("name", ["csv-long", "parquet", "movement"])
 @given(recording=pixel_recordings())
-@settings(max_examples=15)
+@settings(max_examples=10)
 def test_pixels_come_back(scratch, name, recording):
     """Every camera's pixels to the last bit, with their scores."""
     path = scratch / FILES[name][0]
@@ -123,7 +122,7 @@ def test_points_come_back_from_a_workbook(scratch, recording):
 
 
 @given(pixels=pixel_recordings())
-@settings(max_examples=15)
+@settings(max_examples=10)
 def test_a_dltdv_set_comes_back(scratch, pixels):
     """All four files that DLTdv opens, to half of the sixth decimal; a coordinate of 0 is set a micrometre beside."""
     xyz = np.linspace(-1, 1, 3 * pixels.pixels.seen[0].size).reshape(*pixels.pixels.seen[0].shape, 3)
@@ -183,11 +182,12 @@ def test_a_calibration_comes_back(tmp_path):
 
 
 def test_more_frames_than_a_c3d_counts_come_back(tmp_path):
-    """66,000 frames of two markers through every writer of points; C3D counts to 65535 and says so."""
+    """66,000 frames of two markers: in Parquet they come back; C3D counts to 65535 and says so."""
     t = np.arange(66_000) / 250
     xyz = np.stack([np.sin(t), np.cos(t), 0.01 * t], axis=-1)[:, None] + np.array([[[0, 0, 0], [0.1, 0.2, 0.3]]])
     recording = points(["hip joint", "knee, left"], xyz)
-    for name, (file, tolerance) in FILES.items():
+    for name in ("parquet", "c3d"):
+        file, tolerance = FILES[name]
         if name == "c3d":
             with pytest.raises(
                 FormatError, match="66000 frames, but a C3D file can contain 65535: split the recording"

@@ -23,6 +23,9 @@ from mocap.audit.inspect import inspect
 from mocap.io.format import Hints
 from mocap.io.registry import read
 
+DAMAGED = True
+"""Files are, which are therefore read in processes of their own."""
+
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):

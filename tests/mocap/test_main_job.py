@@ -14,7 +14,10 @@ from mocap.cli.main import main
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import of_pixels
+from mocap.rerun.record import write_recording
 from mocap.skeleton import Skeleton
+from tests.mocap.recordings import with_markers
+from tests.mocap.test_two_rays import MARKERS
 from tests.real_data import real
 
 BAT = "bat_windtunnel_dltdv8/derived_csv"
@@ -46,6 +49,7 @@ def real_path(path: str):
 @pytest.mark.parametrize(("tracks", "options", "n_stale"), [*recordings()])
 def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, options, n_stale):
     """Interior gaps are filled with finite covariance and marked, stale points are listed, the recording opens."""
+    monkeypatch.setattr("mocap.rerun.record.write_recording", write_recording)
     options = [o() if callable(o) else o for o in options]
     path = real(*tracks.split("/"))
     out = tmp_path / "run"
@@ -73,7 +77,7 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
 
 def test_pixels_without_any_noise_are_tracked():
     """Simulated cameras: a wrist that no camera shows for 16 frames is found to 3 mm, and is nowhere known exactly."""
-    bat = make_bat(seed=4, n_frames=60, n_cameras=4, digitiser=PERFECT)
+    bat = with_markers(make_bat(seed=4, n_frames=60, n_cameras=4, digitiser=PERFECT), MARKERS)
     wrist, hidden = bat.truth.names.index("wrist_l"), slice(22, 38)
     uv = np.array(bat.pixels.uv_px)
     uv[:, hidden, wrist] = np.nan

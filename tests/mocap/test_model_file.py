@@ -72,13 +72,13 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 11"}')},
+        {"header": np.array('{"format": "eal-mocap model 12"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
         {"trial_0_t_s": np.zeros(39)},
         {"mixture_offset": np.zeros(3)},
-        {"mixture_widen": np.zeros(2)},
+        {"mixture_length": np.zeros(1)},
     ],
     ids=lambda changed: "".join(f"{k}:{getattr(v, 'shape', v)}" for k, v in changed.items()),
 )
@@ -98,8 +98,8 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     path = tmp_path / "m.npz"
     save_model(small, path)
     with np.load(path) as file:
-        header = {**json.loads(str(file["header"])), "format": "eal-mocap model 12"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 11', but it says 'eal-mocap model 12': learn it"):
+        header = {**json.loads(str(file["header"])), "format": "eal-mocap model 13"}
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 12', but it says 'eal-mocap model 13': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))

@@ -12,7 +12,6 @@ from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import with_profile
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
-from tests.real_data import real
 
 FPS = 240.0
 
@@ -116,17 +115,3 @@ def test_a_project_that_is_none(mocap, tmp_path):
     assert code == 1
     assert "x.mat: contains no rows of numbers" in err
     assert len(err.strip().splitlines()) == 1
-
-
-def test_real_projects_are_their_tables():
-    """078A3/F5: the project gives the points of the CSV files derived from it, to their six decimals of a pixel.
-
-    A pixel is about 1 mm: 1e-6 of it, and what decisions on single samples do not change. Nine stored points are stale.
-    """
-    folder = real("bat_windtunnel_dltdv8", "derived_csv", "078A3_F5")
-    tracks = real("bat_windtunnel_dltdv8", "078A3", "F5", "carollia_2April2021_078A3m_trial5_dvProject.mat")
-    project = clean(read(tracks, fps=700))
-    tables = clean(read(folder / "078A3_F5_xypts.csv", fps=700, calibration=folder / "078A3_F5_dltCoefs.csv"))
-    np.testing.assert_array_equal(np.isfinite(project.xyz_m), np.isfinite(tables.xyz_m))
-    np.testing.assert_allclose(project.xyz_m, tables.xyz_m, rtol=0, atol=2e-7)
-    assert any("9 of 3285 stored points differ" in finding.text for finding in project.findings)

@@ -85,8 +85,7 @@ def test_the_wobble_is_that_of_rotations():
     assert wobble_deg(xyz[:19]) == np.inf
 
 
-@pytest.mark.parametrize("kind", ["points", "pixels"])
-@pytest.mark.parametrize("make", [make_bat, make_lizard])
+@pytest.mark.parametrize(("make", "kind"), [(make_bat, "points"), (make_lizard, "pixels")])
 def test_known_skeletons_are_found(tmp_path, make, kind):
     """Of a bat's 33 bones and a lizard's 23 nine in ten are true ones, the trunk is central, and most joints are there.
 
@@ -230,7 +229,10 @@ def test_track_takes_the_proposal_of_a_real_bat(mocap, tmp_path):
     assert (tmp_path / "with" / "potentials").is_dir()
     with_joints = json.loads((tmp_path / "with" / "report.json").read_text())
     assert not any("mocap skeleton" in finding for finding in with_joints["findings"])
-    code, out, err = mocap("track", tracks, *quick, "--out", tmp_path / "without")
+    short = tmp_path / "short_xyzpts.csv"
+    titles, *rows = tracks.read_text().splitlines(keepends=True)
+    short.write_text(titles + "".join([row for row in rows if set(row.strip().split(",")) != {"NaN"}][:60]))
+    code, out, err = mocap("track", short, *quick, "--out", tmp_path / "without")
     assert code == 0, err
     assert not (tmp_path / "without" / "potentials").exists()
     assert not (tmp_path / "without" / "potentials").exists()

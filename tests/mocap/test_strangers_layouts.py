@@ -1,5 +1,7 @@
 """Tables in the layouts of people and their scripts: each is read with the values of the plain one, or refused."""
 
+from itertools import cycle
+
 import numpy as np
 import pytest
 
@@ -50,9 +52,15 @@ def test_whatever_separates_cells(tmp_path, separator, mark):
         is_right(table(tmp_path, [f"  {line}" for line in lines], name="a.txt"))
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("over", [[], ["# a note"]])
+@pytest.mark.parametrize(
+    ("encoding", "end", "over"),
+    [
+        ("utf-8-sig", "\n", []),
+        ("utf-8-sig", "\r", ["# a note"]),
+        ("utf-16", "\r\n", []),
+        ("utf-16", "\r", ["# a note"]),
+    ],
+)
 def test_marks_and_line_ends(tmp_path, encoding, end, over):
     """Marks of byte order and the line ends of each system, also where the table is laid out anew."""
     is_right(table(tmp_path, [*over, *PLAIN], encoding=encoding, end=end))
@@ -111,8 +119,7 @@ def test_notes_before_the_titles(tmp_path, over):
     is_right(table(tmp_path, [*over, "Units: mm", *PLAIN]), unit="mm")
 
 
-@pytest.mark.parametrize("lead", ["", "frames", "#", "-"])
-@pytest.mark.parametrize("unit", ["mm", "(mm)", "[mm]", "millimeters"])
+@pytest.mark.parametrize(("lead", "unit"), [("", "mm"), ("frames", "(mm)"), ("#", "[mm]"), ("-", "millimeters")])
 def test_units_in_a_row_of_their_own(tmp_path, lead, unit):
     """Under the titles or above them."""
     units = ",".join([lead, *[unit] * 6])
@@ -120,8 +127,10 @@ def test_units_in_a_row_of_their_own(tmp_path, lead, unit):
     is_right(table(tmp_path, [units, *PLAIN]), unit="mm")
 
 
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-@pytest.mark.parametrize("over", ["nose,,,tail,,", ",nose,,,tail,", "nose,nose,nose,tail,tail,tail"])
+OVER = ("nose,,,tail,,", ",nose,,,tail,", "nose,nose,nose,tail,tail,tail")
+
+
+@pytest.mark.parametrize(("separator", "over"), list(zip(",;\t", OVER, strict=True)))
 @pytest.mark.parametrize("axes", ["x,y,z,x,y,z", "X,Y,Z,X,Y,Z", "X1,Y1,Z1,X2,Y2,Z2", "x [mm],y [mm],z [mm]"])
 def test_names_over_axes(tmp_path, separator, over, axes):
     """A name over the first, the middle or each of its columns; frames titled in either row, or none; times; units."""
@@ -190,8 +199,7 @@ CLOCKS = {
 }
 
 
-@pytest.mark.parametrize("title", ["time", "timestamp", "Time (s)"])
-@pytest.mark.parametrize("clock", CLOCKS)
+@pytest.mark.parametrize(("clock", "title"), list(zip(CLOCKS, cycle(["time", "timestamp", "Time (s)"]))))
 def test_times_of_a_clock(tmp_path, clock, title):
     """Hours, minutes and seconds, with a date or without; after midnight they go on."""
     got = table(tmp_path, [",".join([title, *TITLES]), *rows(lead=lambda t: [CLOCKS[clock](t)])])
@@ -212,9 +220,15 @@ UNITS = {
 }
 
 
-@pytest.mark.parametrize(("size", "word"), [(size, word) for size, words in UNITS.items() for word in words.split()])
+TITLES_OF_TIMES = ("time_{}", "Time ({})", "t [{}]", "timestamp_{}", "{}", "time/{}", "elapsed_time_{}")
+
+
 @pytest.mark.parametrize(
-    "title", ["time_{}", "Time ({})", "t [{}]", "timestamp_{}", "{}", "time/{}", "elapsed_time_{}"]
+    ("size", "word", "title"),
+    [
+        *((size, word, "time_{}") for size, words in UNITS.items() for word in words.split()),
+        *((1e-3, "ms", title) for title in TITLES_OF_TIMES[1:]),
+    ],
 )
 def test_the_unit_of_times_is_in_their_title(tmp_path, size, word, title):
     """In short or in full."""

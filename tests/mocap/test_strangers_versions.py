@@ -1,6 +1,7 @@
 """Files as other versions and options of their programs write them: what is sound is read, and right."""
 
 import json
+from itertools import cycle
 
 import h5py
 import numpy as np
@@ -27,8 +28,7 @@ def _read(tmp_path, name, text):
     return read(tmp_path / name)
 
 
-@pytest.mark.parametrize("word", sorted(MISSING_WORDS))
-@pytest.mark.parametrize("separator", [",", ";"])
+@pytest.mark.parametrize(("word", "separator"), list(zip(sorted(MISSING_WORDS), cycle(",;"))))
 def test_words_for_a_missing_number(tmp_path, word, separator):
     """R, pandas, Java, spreadsheets and C's printf each write a missing number in their own way."""
     titles = separator.join(["frame", *(f"{name}_{axis}" for name in "ab" for axis in "xyz")])

@@ -22,7 +22,8 @@ def learned() -> Model:
         slope=np.zeros(1),
         length=np.array([10.0]),
         scale=np.ones((1, 1)),
-        widen=np.ones(1),
+        widen=1.0,
+        dof=36.0,
     )
     return Model(
         LearnedModel(

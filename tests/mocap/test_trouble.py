@@ -138,8 +138,14 @@ def flat(table):
     table[4:8, 1] = table[:4, 1]
 
 
-@pytest.mark.parametrize("command", ["track", "triangulate", "learn"])
-@pytest.mark.parametrize("change", [same, all_same, zeros, all_zeros, huge, all_huge, far, tiny, flat])
+@pytest.mark.parametrize(
+    ("command", "change"),
+    [
+        *(("triangulate", change) for change in (same, all_same, zeros, all_zeros, huge, all_huge, far, tiny, flat)),
+        ("track", same),
+        ("learn", same),
+    ],
+)
 def test_cameras_that_no_rig_has(mocap, files, tmp_path, command, change):
     """The file and the camera are named, with what to do: also where the origin is stated."""
     dlt = edited(files, tmp_path, change)
@@ -164,7 +170,7 @@ def test_such_cameras_alone(mocap, files, tmp_path, change):
         assert mocap(*arguments)[0] in (0, TROUBLE)
 
 
-ABSURD = ["-5", "0", "nan", "inf", "1e300", "1e-300", "1e9"]
+ABSURD = ["0", "nan", "inf", "1e300", "1e-300"]
 
 
 @pytest.mark.parametrize("value", ABSURD)
@@ -220,14 +226,17 @@ def test_no_locale_stops_a_command(tmp_path):
     header = "frame,t_s,Schnäuzchen_x,Schnäuzchen_y,Schnäuzchen_z,Schnäuzchen_origin"
     positions.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
     environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    program = [sys.executable, "-c", "from mocap.cli.main import main; main()"]
-    for arguments, code, said in (
-        (["track", positions, "--out", folder, "--no-validate"], 0, b"l\\xe4ufe/"),
-        (["convert", folder / "markers.csv", tmp_path / "ä.long.csv"], 0, rb"\xe4.long.csv"),
-    ):
-        done = subprocess.run([*program, *map(str, arguments)], env=environment, capture_output=True, check=False)
-        assert done.returncode == code, done.stderr
-        assert said in done.stdout + done.stderr
+    script = (
+        "import sys\nfrom mocap.cli.main import main\nwords, second = sys.argv[1:], sys.argv.index('convert')\n"
+        "for sys.argv in (sys.argv[:second], ['mocap', *words[second - 1 :]]):\n"
+        "    try:\n        main()\n    except SystemExit as stopped:\n        assert not stopped.code"
+    )
+    words = ["track", positions, "--out", folder, "--no-validate", "convert", folder / "markers.csv"]
+    program = [sys.executable, "-c", script, *map(str, words), str(tmp_path / "ä.long.csv")]
+    done = subprocess.run(program, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert b"l\\xe4ufe/" in done.stdout + done.stderr
+    assert rb"\xe4.long.csv" in done.stdout + done.stderr
     assert "Schnäuzchen_x" in (folder / "markers.csv").read_text(encoding="utf-8")
     assert "Schnäuzchen" in (tmp_path / "ä.long.csv").read_text(encoding="utf-8")
 
@@ -293,8 +302,9 @@ def test_what_is_not_there_is_said_to_be_missing(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize(("number", "code"), [("SIGTERM", TERMINATED), ("SIGINT", STOPPED)])
-@pytest.mark.parametrize("when", ["before", "while it is put in place"])
+@pytest.mark.parametrize(
+    ("number", "code", "when"), [("SIGTERM", TERMINATED, "before"), ("SIGINT", STOPPED, "while it is put in place")]
+)
 def test_a_request_to_end_leaves_nothing_half(tmp_path, number, code, when):
     """A scheduler's SIGTERM is heard as Ctrl-C is: what was begun goes, what is being put in its place comes whole."""
     (tmp_path / "a.csv").write_text("p_x,p_y,p_z\n1,2,3\n4,5,6\n")

@@ -83,15 +83,16 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     assert not lost.any()
 
 
-@pytest.mark.parametrize("other", ["elbow_l", "ankle_l"])
-def test_a_camera_that_shows_another_marker_is_found(scene, other):
+def test_a_camera_that_shows_another_marker_is_found(scene):
     """The second camera shows another marker for 20 frames: all its rays are refused there, and no other ray is.
 
     The first camera's rays stay; points that both made where they met by accident are refused.
     """
     bat, pixels, (wrong, _) = scene
     uv = pixels.uv_px.copy()
-    uv[1, FRAMES, wrong] = uv[1, FRAMES, bat.truth.names.index(other)] + np.random.default_rng(2).normal(0, 1, (20, 2))
+    uv[1, FRAMES, wrong] = uv[1, FRAMES, bat.truth.names.index("elbow_l")] + np.random.default_rng(2).normal(
+        0, 1, (20, 2)
+    )
     one = prepared(bat, replace(pixels, uv_px=uv))
     seen = np.isfinite(one.uv_px[..., 0])
     (run,) = [run for run in disagreements(one) if run.marker == wrong]

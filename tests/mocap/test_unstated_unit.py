@@ -19,8 +19,6 @@ from mocap.io.unstated_unit import UNIT, XRAYED_M, guessed, in_metres, length, o
 from mocap.pipeline.cleaning import clean
 from tests.real_data import real
 
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-
 
 @pytest.fixture
 def rng():

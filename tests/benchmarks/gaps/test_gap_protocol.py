@@ -75,12 +75,6 @@ def test_a_complete_trial_holds_every_kind():
     assert all(found.count(cell) >= cells().count(cell) for cell in cells())
 
 
-def test_one_limb_has_no_scenario_of_all():
-    """With one limb, all limbs would be that limb a second time."""
-    shown = hide(make_trial(limbs=LIMBS[:1]), cells(), np.random.default_rng(0))
-    assert {gap.kind for copy in shown for gap in copy.gaps} == {"single", "pair", "limb"}
-
-
 def test_gaps_are_the_same_for_all_methods_and_other_for_other_seeds():
     """Gaps depend on the trial and the seed only."""
     trial = make_trial()
@@ -243,21 +237,3 @@ def test_validation_of_one_trial_learns_from_what_it_shows():
         (shown,), (rest,) = fold.shown, fold.rest
         for gap in shown.gaps:
             assert np.isnan(rest.xyz_m[gap.frames, gap.hidden]).all()
-
-
-def test_validation_holds_every_length():
-    """Each complete trial is a fold; together they validate all four lengths and all four scenarios."""
-    folds = validation([make_trial(seed=k, name=str(k)) for k in range(3)])
-    gaps = [gap for fold in folds for copy in fold.shown for gap in copy.gaps]
-    assert len(folds) == 3
-    assert {gap.length for gap in gaps} == set(GAPS)
-    assert {gap.kind for gap in gaps} == set(SCENARIOS)
-
-
-def test_once_leaves_out_copies_that_add_nothing():
-    """A quick run fills fewer copies, which hold the same kinds of gaps."""
-    trial = make_trial()
-    every, few = (shown_trials(trial, 0, cells(), once=once) for once in (False, True))
-    kinds = [{(gap.kind, gap.length) for copy in copies for gap in copy.gaps} for copies in (every, few)]
-    assert kinds[0] == kinds[1]
-    assert len(few) < len(every)

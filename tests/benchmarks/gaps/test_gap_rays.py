@@ -10,10 +10,10 @@ from benchmarks.gaps.hide import hide
 from benchmarks.gaps.method import Estimate, Film, Trial
 from benchmarks.gaps.peers.anipose_3d import PointOptimiser
 from benchmarks.gaps.peers.kalman import filter_series, smooth_series, transition
-from benchmarks.gaps.peers.rays import Rays, filter_rays, projected
+from benchmarks.gaps.peers.rays import Rays, filter_rays
 from benchmarks.gaps.protocol import evaluate
 from benchmarks.gaps.rays import CLICK_PX, with_rays, wrong_clicks
-from mocap.cameras.camera import project, record, stacked
+from mocap.cameras.camera import project, record
 from mocap.records import PixelTracks
 
 NAMES = ("root", "a", "b", "c", "d")
@@ -87,19 +87,6 @@ def test_methods_that_read_no_rays_fill_once():
     assert outcome.frames == len(copies) * len(trial.t_s)
     assert {score.rays for score in outcome.scores} == {0, 1, 2}
     assert len({score.rmse_mm for score in outcome.scores}) == 1
-
-
-def test_derivatives_of_a_projection():
-    """Against central differences of the product's own projection."""
-    matrices = stacked(CAMERAS)
-    points = np.random.default_rng(0).uniform(-0.02, 0.02, (6, 3))
-    for c, matrix in enumerate(matrices):
-        uv, slope = projected(np.broadcast_to(matrix, (6, 3, 4)), points)
-        np.testing.assert_allclose(uv, project(matrices, points)[c], rtol=1e-12)
-        for k in range(3):
-            step = 1e-6 * np.eye(3)[k]
-            change = (project(matrices, points + step) - project(matrices, points - step))[c] / 2e-6
-            np.testing.assert_allclose(slope[..., k], change, rtol=1e-6, atol=1e-3)
 
 
 def affine_rays(xyz, sd_px):

@@ -96,16 +96,6 @@ def test_a_run_goes_on_where_it_was_cut(benchmark, capsys):
     pd.testing.assert_frame_equal(before[columns], after[columns])
 
 
-def test_a_run_with_more_seeds_is_run_anew(benchmark, capsys):
-    """With ``--resume`` and seeds that a folder lacks every trial is run again, and no row is there twice."""
-    benchmark("--methods", "zero", "--seeds", "1")
-    capsys.readouterr()
-    table, folder = benchmark("--methods", "zero", "--seeds", "2", "--resume")
-    assert capsys.readouterr().err.count("zero: ") == 3
-    assert set(table["seed"]) == {0, 1}
-    assert not pd.read_csv(folder / "folds.csv").duplicated(["trial", "scenario", "gap", "seed"]).any()
-
-
 def test_quick_is_the_same_part_however_long_it_takes(benchmark, monkeypatch):
     """One fold, one seed, one scenario, two lengths: also on a machine on which a clock would have run out."""
     table, folder = benchmark("--quick", "--methods", "zero")

@@ -4,15 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mocap.datasets.bats import bat_motion
-from mocap.datasets.lizards import lizard_motion
 
 from benchmarks.gaps import sets, twins
 from benchmarks.gaps.cells import trained_on
 from benchmarks.gaps.method import Trial
-from benchmarks.gaps.sets import SETS, load, stations, teachers
+from benchmarks.gaps.sets import load, teachers
 from benchmarks.gaps.takes import noise_sd
-from benchmarks.gaps.twins import scaled_scene, sped_scene
 from tests.real_data import FOLDER
 
 REAL = {
@@ -47,15 +44,6 @@ def test_real_sets(name, facts):
         assert not set(limbs) & set(trial.trunk)
 
 
-def test_stations_are_the_nearest_markers():
-    """Of markers along a straight body at known places, those nearest to 0, 1/2 and 1 are taken, in order."""
-    along = np.array([0.0, 0.1, 0.45, 0.52, 0.8, 1.0])
-    xyz = np.zeros((5, len(along), 3))
-    xyz[..., 0] = along
-    np.testing.assert_array_equal(stations(xyz, 3), [0, 3, 5])
-    np.testing.assert_array_equal(stations(xyz, 6), np.arange(6))
-
-
 def test_noise_is_found_under_motion():
     """White noise of 0.3 mm on a smooth motion, with holes and over several recordings; 1800 differences: 5 %."""
     rng = np.random.default_rng(0)
@@ -64,11 +52,6 @@ def test_noise_is_found_under_motion():
     parts = [(t_s, smooth + 3e-4 * rng.standard_normal(smooth.shape)) for _ in range(2)]
     parts[0][1][50:60] = np.nan
     np.testing.assert_allclose(noise_sd(parts, ("a", "b")), 3e-4, rtol=0.1)
-
-
-def test_every_set_is_described():
-    """The module's table has a line for each set."""
-    assert all(f"| ``{name}`` |" in (sets.__doc__ or "") for name in SETS)
 
 
 def test_other_animals_are_learned_from_others():
@@ -87,19 +70,6 @@ def make_trial(animal):
         name=animal, names=(), t_s=np.zeros(0), xyz_m=np.zeros((0, 0, 3)), sd_m=np.zeros(0), trunk=(), limbs=(),
         animal=animal,
     )  # fmt: skip
-
-
-def test_scaled_and_hurried_animals():
-    """Of a scaled bat all distances are so many times as long; a lizard at twice the speed is where it was later."""
-    t_s = np.arange(5) / 100
-    bat, lizard = bat_motion(3), lizard_motion(3)
-    scaled = scaled_scene(t_s, motion=bat, size=1.4)
-    np.testing.assert_allclose(scaled.xyz_m, 1.4 * bat(t_s).xyz_m)
-    for solid, usual in zip(scaled.solids, bat(t_s).solids, strict=True):
-        np.testing.assert_allclose(solid.semi_axes_m, 1.4 * np.asarray(usual.semi_axes_m))
-    hurried = sped_scene(t_s, motion=lizard, speed=2.0)
-    np.testing.assert_allclose(hurried.xyz_m, lizard(2.0 * t_s).xyz_m)
-    np.testing.assert_array_equal(hurried.t_s, t_s)
 
 
 def test_only_as_many_twins_are_made_as_wanted(monkeypatch):

@@ -71,24 +71,6 @@ def test_a_failure_is_last_and_spares_the_others():
     assert "failed" in as_text(lines)
 
 
-def test_a_set_without_any_number_is_drawn_and_printed(tmp_path):
-    """A run that ended early has sets in which every method is NaN: tables and pictures say so and do not fail."""
-    nothing = TWO_TRIALS.assign(
-        set="mouse", rmse_mm=np.nan, coverage95=np.nan, nll=np.nan, seconds=np.nan, frames=np.nan
-    )
-    folds = pd.concat([TWO_TRIALS, nothing], ignore_index=True)
-    draw(folds, pooled(folds), tmp_path)
-    assert set(summary(folds)["failed"]) == {2}
-    assert set(ratios(folds)["set"]) == {"bat"}
-
-
-def test_methods_without_intervals_have_none():
-    """NaN coverage stays NaN in the table and is a dash in the text."""
-    folds = TWO_TRIALS.assign(coverage95=np.nan, nll=np.nan)
-    assert pooled(folds)["coverage95"].isna().all()
-    assert "nan" not in as_text(summary(folds))
-
-
 def test_pictures_are_drawn(tmp_path):
     """One line a method and picture; no cell is needed to be complete."""
     paths = draw(TWO_TRIALS, pooled(TWO_TRIALS), tmp_path)

@@ -4,17 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mocap.filters.score import score
 from scipy.stats import multivariate_normal
 
-from benchmarks.gaps import protocol
-from benchmarks.gaps.method import Estimate
 from benchmarks.gaps.peers import gaussian, gpdm, interpolation, intervals, kalman, low_rank, manifold, neighbours, pca
-from benchmarks.gaps.peers.coordinates import learn_body
-from benchmarks.gaps.peers.edges import Blend, carry, gaps, matern
-from benchmarks.gaps.peers.gaussian import Choice, ConditionalGaussian, moments
+from benchmarks.gaps.peers.edges import Blend
+from benchmarks.gaps.peers.gaussian import Choice, ConditionalGaussian
 from benchmarks.gaps.peers.low_rank import LowRank, RandomWalk
-from benchmarks.gaps.peers.neighbours import NearestNeighbours, nearest_mean
 from benchmarks.gaps.peers.pca import PcaReconstruction
 from tests.benchmarks.gaps.peer_trials import LIMBS, hidden, in_subspace, make_trial
 
@@ -77,29 +72,6 @@ def test_a_delayed_gaussian_knows_motion():
     np.testing.assert_allclose(filler(shown).xyz_m, truth.xyz_m, atol=1e-5)
 
 
-def test_a_pose_that_was_seen_is_found_again(untuned):  # noqa: ARG001
-    """The nearest of training poses that contain the pose is the pose."""
-    training, shown, truth = subspace_trials()
-    filler = NearestNeighbours().learn([*training, truth])
-    filler = replace(filler, k=1, blend=Blend(10.0, None))
-    np.testing.assert_allclose(filler(shown).xyz_m, truth.xyz_m, atol=1e-9)
-
-
-def test_neighbours_are_weighed_alike_at_equal_distance():
-    """Two poses equally near: their mean."""
-    pool = np.array([[1.0, 5.0], [-1.0, 7.0], [9.0, 100.0]])
-    np.testing.assert_allclose(nearest_mean(np.array([[0.0, np.nan]]), pool, 2), [[0.0, 6.0]])
-
-
-def test_expectation_step_has_the_conditional_moments():
-    """E[y] and E[y y^T] of a bivariate normal of which one entry is seen: closed forms."""
-    normal = gaussian.Normal(np.array([1.0, 2.0]), np.array([[2.0, 0.6], [0.6, 1.0]]))
-    found = moments(np.array([[2.0, np.nan]]), 1.0, normal)
-    mean, variance = 2.0 + 0.6 / 2.0, 1.0 - 0.36 / 2.0
-    np.testing.assert_allclose(found.first, [2.0, mean])
-    np.testing.assert_allclose(found.second, [[4.0, 2 * mean], [2 * mean, mean**2 + variance]])
-
-
 def test_random_walk_smoother_is_the_joint_gaussian():
     """Means, covariances and likelihood of 12 frames with missing entries against conditioning of all at once."""
     rng = np.random.default_rng(1)
@@ -120,46 +92,6 @@ def test_random_walk_smoother_is_the_joint_gaussian():
     left = prior - cross @ np.linalg.solve(total, cross.T)
     np.testing.assert_allclose(cov, [left[2 * t : 2 * t + 2, 2 * t : 2 * t + 2] for t in range(12)], atol=1e-10)
     assert likelihood == pytest.approx(multivariate_normal(cov=total).logpdf(innovation), rel=1e-10)
-
-
-def test_gaps_are_found_with_their_edges():
-    """A gap inside, one at the end, none where all is seen."""
-    seen = np.ones((20, 3), dtype=bool)
-    seen[5:8, 1] = seen[15:, 2] = False
-    inside, end = gaps(seen)
-    assert (inside.marker, inside.start, inside.stop) == (1, 5, 8)
-    assert inside.before == (4, 3, 2, 1)
-    assert inside.after == (8, 9, 10, 11, 13, 16)
-    assert (end.marker, end.start, end.stop, end.after) == (2, 15, 20, ())
-
-
-def test_a_carried_residual_errs_as_it_says():
-    """Residuals drawn from the process: mean squared error over stated variance is 1, within 3 / sqrt(400 draws)."""
-    rng = np.random.default_rng(2)
-    frames = np.arange(30.0)
-    factor = np.linalg.cholesky(matern(frames[:, None] - frames, 12.0) + 1e-12 * np.eye(30))
-    edge, inside = np.r_[0:5, 25:30], np.arange(5, 25)
-    draws = np.einsum("ij,jkl->ikl", factor, rng.normal(size=(30, 400, 3)))
-    shift, share = carry(frames[edge], draws[edge].reshape(10, -1), frames[inside], length=12.0, noise=1e-9)
-    error = shift.reshape(20, 400, 3) - draws[inside]
-    np.testing.assert_allclose((error**2).mean(axis=(1, 2)) / share, 1.0, atol=3 * np.sqrt(2 / 1200))
-
-
-def test_intervals_that_are_too_narrow_are_widened():
-    """A method that knows only the mean and states a third of the deviation: after tuning, 95 % of a new trial."""
-    rng = np.random.default_rng(4)
-    trials = [make_trial(0.01 * rng.normal(size=(300, 6, 3)), name=f"t{k}") for k in range(3)]
-
-    def learn(_candidate, _trials):
-        return lambda trial: Estimate(
-            np.where(np.isfinite(trial.xyz_m), trial.xyz_m, 0.0),
-            np.tile((0.01 / 3) ** 2 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1)),
-        )
-
-    filler = intervals.tune([None], trials[:2], learn)
-    (copy, *_) = protocol.shown_trials(trials[2], 0, protocol.cells())
-    inside = [score(*protocol.errors(filler(copy.shown), copy.trial, gap)).coverage95 for gap in copy.gaps]
-    assert 0.9 < np.mean(inside) < 0.99
 
 
 @pytest.mark.parametrize(
@@ -200,15 +132,3 @@ def test_a_fill_turns_with_the_world(untuned, method):  # noqa: ARG001
     turn *= np.linalg.det(turn)
     moved = replace(shown, xyz_m=shown.xyz_m @ turn.T + [1.0, -2.0, 3.0])
     np.testing.assert_allclose(filler(moved).xyz_m, filler(shown).xyz_m @ turn.T + [1.0, -2.0, 3.0], atol=1e-7)
-
-
-def test_body_coordinates_are_those_of_training():
-    """Trials whose trunks stand elsewhere, turned: their limbs agree in body coordinates."""
-    training, shown, _ = subspace_trials()
-    turn = np.linalg.qr(np.random.default_rng(8).normal(size=(3, 3)))[0]
-    turn *= np.linalg.det(turn)
-    moved = replace(shown, xyz_m=shown.xyz_m @ turn.T + 5.0)
-    body = learn_body(training)
-    np.testing.assert_allclose(body.place(moved).y, body.place(shown).y, atol=1e-9)
-    placed = body.place(moved)
-    np.testing.assert_allclose(placed.leave(placed.y).xyz_m, moved.xyz_m, atol=1e-12)

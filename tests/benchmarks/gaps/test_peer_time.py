@@ -5,14 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from scipy.signal import butter, sosfreqz
 
 from benchmarks.gaps.peers.coordinates import World
-from benchmarks.gaps.peers.interpolation import InterpolationFiller, low_pass
+from benchmarks.gaps.peers.interpolation import InterpolationFiller
 from benchmarks.gaps.peers.kalman import (
-    KalmanFiller,
     filter_series,
-    likeliest_density,
     smooth_series,
     transition,
     wide_prior,
@@ -30,36 +27,6 @@ def test_a_curve_fills_polynomials_of_its_degree(curve, degree):
     shown = replace(trial, xyz_m=hidden(trial, ("a", "d"), np.r_[5:9, 20:45]))
     filled = InterpolationFiller(World(), curve, None)(shown)
     np.testing.assert_allclose(filled.xyz_m, trial.xyz_m, atol=1e-11)
-
-
-def test_a_curve_holds_the_ends_and_never_invents_a_marker():
-    """Before its first sighting a marker stays there; one that is never seen stays unknown."""
-    trial = make_trial(np.random.default_rng(0).normal(size=(40, 6, 3)))
-    xyz = hidden(trial, ("a",), np.arange(10))
-    xyz[:, trial.names.index("b")] = np.nan
-    filled = InterpolationFiller(World(), "cubic", None)(replace(trial, xyz_m=xyz)).xyz_m
-    a = filled[:, trial.names.index("a")]
-    np.testing.assert_allclose(a[:10], np.repeat(a[10][None], 10, axis=0))
-    assert np.isnan(filled[:, trial.names.index("b")]).all()
-
-
-@pytest.mark.parametrize("share", [0.05, 0.2])
-def test_low_pass_has_the_gain_of_two_butterworth_filters(share):
-    """A sine is scaled by |H|^2 and not delayed; the ends, where the filter swings in, are left out."""
-    frequency = 0.8 * share
-    wave = np.sin(np.pi * frequency * np.arange(2000))[:, None, None] * np.ones((1, 1, 3))
-    _, response = sosfreqz(butter(2, share, output="sos"), worN=[np.pi * frequency])
-    middle = slice(400, 1600)
-    np.testing.assert_allclose(low_pass(wave, share)[middle], abs(response[0]) ** 2 * wave[middle], atol=1e-6)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3])
-def test_transition_is_a_semigroup(order):
-    """Two steps are one step of double length: Q(2) = F Q F^T + Q, with Q(t) scaled by powers of t."""
-    step, noise = transition(order)
-    powers = np.arange(order)[::-1]
-    double = noise * 2.0 ** (powers[:, None] + powers + 1)
-    np.testing.assert_allclose(step @ noise @ step.T + noise, double, rtol=1e-13)
 
 
 @pytest.mark.parametrize("order", [2, 3])
@@ -92,28 +59,3 @@ def test_smoother_equals_filterpy(order):
             np.testing.assert_allclose(smoothed[:, b, :, axis], expected[..., 0], rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(spread[:, b], expected_cov, rtol=1e-7, atol=1e-8)
         assert run.log_likelihood[b] == pytest.approx(total, rel=1e-10)
-
-
-def test_the_likeliest_density_is_the_true_one_and_intervals_hold():
-    """Tracks drawn from the model: half a decade of the density (300 samples tell 10 %), 95 % inside 95 % intervals.
-
-    Some 6 x 3 x 60 hidden coordinates in twelve gaps that err together: the share spreads by about 2 %.
-    """
-    rng = np.random.default_rng(3)
-    step, unit = transition(2)
-    density, sd = 1e-7, 1e-4
-    noise = np.linalg.cholesky(density * unit)
-    x = np.zeros((300, 2, 6, 3))
-    for t in range(1, 300):
-        x[t] = np.einsum("ij,jmk->imk", step, x[t - 1]) + np.einsum("ij,jmk->imk", noise, rng.normal(size=(2, 6, 3)))
-    trial = make_trial(x[:, 0] + sd * rng.normal(size=(300, 6, 3)), sd_m=sd)
-    limbs = trial.xyz_m[:, 4:]
-    found = likeliest_density([limbs], np.full(6, sd), 2)
-    assert np.abs(np.log10(found / density)).max() < 0.5
-
-    frames = np.r_[40:60, 120:140, 200:220]
-    shown = replace(trial, xyz_m=hidden(trial, trial.names[4:], frames))
-    filled = KalmanFiller(World(), 2, np.full(10, density))(shown)
-    error = (filled.xyz_m - trial.xyz_m)[frames][:, 4:]
-    inside = np.abs(error) < 1.96 * np.sqrt(np.diagonal(filled.cov_m2[frames][:, 4:], axis1=-2, axis2=-1))
-    assert 0.90 < inside.mean() < 0.99

@@ -40,14 +40,18 @@ def energy_of(truss):
 
 @pytest.fixture(scope="module")
 def arc():
+    return over_arc(400)
+
+
+def over_arc(points):
     """The energy of the known truss as a target, over an arc of positions."""
     angle = np.linspace(np.deg2rad(65), np.deg2rad(125), 60)
-    return make_target(energy_of(known()), np.stack([np.cos(angle), np.sin(angle)], axis=1), points=900)
+    return make_target(energy_of(known()), np.stack([np.cos(angle), np.sin(angle)], axis=1), points=points)
 
 
 @pytest.fixture(scope="module")
 def designs(arc):
-    return design_truss(arc, LIMITS, rng=np.random.default_rng(3), starts=2)
+    return design_truss(arc, LIMITS, rng=np.random.default_rng(4), starts=1)
 
 
 def test_the_energy_of_a_known_truss_is_found_again(arc, designs):
@@ -55,7 +59,7 @@ def test_the_energy_of_a_known_truss_is_found_again(arc, designs):
 
     Cells of the finer grid are 2 % of the region wide, hence the overlap.
     """
-    finer = make_target(energy_of(known()), arc.q[arc.inside], points=4000)
+    finer = make_target(energy_of(known()), arc.q[arc.inside], points=2000)
     fit = measure(designs[0].truss, designs[0].stored, finer)
     assert fit.rms < 0.01
     assert fit.iou[1] > 0.95
@@ -65,7 +69,7 @@ def test_the_energy_of_a_known_truss_is_found_again(arc, designs):
 
 def test_the_same_seed_gives_the_same_truss(arc, designs):
     """Another run with the same generator: to the last bit."""
-    again = design_truss(arc, LIMITS, rng=np.random.default_rng(3), starts=2)
+    again = design_truss(arc, LIMITS, rng=np.random.default_rng(4), starts=1)
     assert np.array_equal(again[0].truss.fixed_m, designs[0].truss.fixed_m)
     assert again[0].truss.laws == designs[0].truss.laws
 
@@ -104,16 +108,16 @@ def test_what_cannot_be_reached_is_an_error_that_names_the_limit(arc, change, na
         design_truss(arc, limits, rng=np.random.default_rng(0), starts=1)
 
 
-def test_too_few_members_are_named(arc):
+def test_too_few_members_are_named():
     """Two members with hardly any reach cannot hold an arc: the message says what reached how far, and what binds."""
     limits = Limits(members=2, shortest=0.3, longest=4.0, reach=2.2, laws=("cable",))
     with pytest.raises(DesignError, match=r"'members' .* binds most"):
-        design_truss(arc, limits, rng=np.random.default_rng(0), starts=1)
+        design_truss(over_arc(900), limits, rng=np.random.default_rng(0), starts=1)
 
 
 def test_a_truss_with_an_internal_node_is_stable_all_over_the_grid(arc):
     """A known truss opened and braced: two members more, an equilibrium at every point, and no members that cross."""
-    few = make_target(energy_of(known()), arc.q[arc.inside], points=60)
+    few = make_target(energy_of(known()), arc.q[arc.inside], points=30)
     opened = with_internal_node(known(), few, np.random.default_rng(1))
     assert len(opened.rest_m) == len(known().rest_m) + 2
     assert measure(opened, 0.0, few).unstable == 0
@@ -133,7 +137,7 @@ def test_a_spatial_truss_is_found_again():
     )
     rest = np.array([0.0, 0.0, np.sqrt(1.4**2 - 1)])
     samples = rest + 0.15 * np.random.default_rng(0).standard_normal((50, 3))
-    target = make_target(energy_of(truss), samples, level=0.6, points=500)
+    target = make_target(energy_of(truss), samples, level=0.6, points=200)
     limits = Limits(shortest=0.3, longest=4.0, reach=2.0, laws=("linear",))
     design = design_truss(target, limits, rng=np.random.default_rng(0), starts=1)[0]
     assert design.rms < 0.02

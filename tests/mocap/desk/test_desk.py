@@ -53,7 +53,7 @@ def desk_of(scene, out):
 
 def client(address):
     origin = "http://" + urlsplit(address).netloc
-    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=60)
+    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=600)
 
 
 def tracked(desk):
@@ -251,7 +251,7 @@ def test_the_guard_stands_before_the_desk(worked):
     desk, browser = worked
     address = str(browser.base_url)
     bare = address.split("/", 3)
-    with httpx2.Client(timeout=30) as other:
+    with httpx2.Client(timeout=600) as other:
         assert other.get(f"{bare[0]}//{bare[2]}/overview").status_code == 403
         assert other.post(address + "undo", json={}, headers={"Origin": "http://evil.example"}).status_code == 403
         assert other.post(address + "undo", json={}).status_code == 403

@@ -64,7 +64,7 @@ def shown(session):
 def client(address):
     """What asks as the page does."""
     origin = "http://" + urlsplit(address).netloc
-    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=60)
+    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=600)
 
 
 def until(driver, script):
@@ -334,7 +334,7 @@ def test_two_hundred_at_once_are_answered(open_page):
 
     async def all_of_them():
         limits = httpx2.Limits(max_connections=200)
-        async with httpx2.AsyncClient(base_url=browser.base_url, limits=limits, timeout=120) as many:
+        async with httpx2.AsyncClient(base_url=browser.base_url, limits=limits, timeout=600) as many:
             places = [(i % 3, i % 12) for i in range(100)]
             paths = [f"picture?camera={camera}&frame={frame}" for camera, frame in places]
             paths += [f"frame?frame={frame}&marker={camera}" for camera, frame in places]

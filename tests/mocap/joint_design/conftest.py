@@ -31,8 +31,9 @@ def designed(potential_file, tmp_path_factory):
     from mocap.cli.main import app
 
     out = tmp_path_factory.mktemp("joint") / "elbow"
-    result = CliRunner().invoke(
-        app, ["design-joint", str(potential_file), "--out", str(out), "--starts", "2", "--seed", "1", "--json"]
-    )
+    command = ["design-joint", str(potential_file), "--out", str(out), "--starts", "1", "--seed", "1", "--json"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mocap.joint_design.design.FINE", 2500)
+        result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     return out, json.loads(result.stdout)

@@ -138,7 +138,7 @@ def test_a_free_pendulum_needs_no_moment_and_the_force_of_its_rod(kind):
 
 
 def test_deviations_are_those_of_samples():
-    """Positions and velocities drawn anew 400 times: their spread is the stated one (standard error 3.5 %)."""
+    """Positions and velocities drawn anew 200 times: their spread is the stated one (standard error 5 %)."""
     rng, t = np.random.default_rng(0), DT_S * np.arange(5)
     angle = np.stack([0.5 + 8 * t, -0.3 + 11 * t], axis=1)
     x, v = chain(angle, np.tile([8.0, 11.0], (5, 1)), [0.3, 0.2])
@@ -147,11 +147,11 @@ def test_deviations_are_those_of_samples():
     stated = moments(moving("abcd", x, v, **sd), skeleton)
     drawn = [
         moments(moving("abcd", x + 1e-3 * rng.normal(size=x.shape), v + 1e-3 * rng.normal(size=v.shape)), skeleton)
-        for _ in range(400)
+        for _ in range(200)
     ]
     for name in ("b_moment_y_n_m", "c_flexion_moment_n_m", "b_force_z_n"):
         spread = np.std([one[name].value[2] for one in drawn])
-        assert stated[name].sd[2] == pytest.approx(spread, rel=0.12)
+        assert stated[name].sd[2] == pytest.approx(spread, rel=0.15)
 
 
 def test_there_is_no_moment_while_a_foot_stands():

@@ -60,7 +60,7 @@ class Headless:
         self.stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False)
         self.stream.connect_grpc(self.client.url)
         self.stream.log_file_from_path(str(rrd))
-        self.stream.flush(timeout_sec=30)
+        self.stream.flush(timeout_sec=300)
 
     def picture(self, view: rrb.View, *, frame: int) -> NDArray[np.uint8]:
         """(H, W, 3) one view alone at one frame (from 0); fails if the viewer has anything to report about it."""
@@ -74,7 +74,7 @@ class Headless:
         if self.stream is None:
             raise RuntimeError("nothing is loaded: call load first")
         self.stream.send_blueprint(blueprint)
-        self.stream.flush(timeout_sec=30)
+        self.stream.flush(timeout_sec=300)
         self._set_frame(frame)
         picture = self._still(view_id)
         reports = [(view.name, r.summary) for view in self.client.get_state().views for r in view.reports]
@@ -83,22 +83,19 @@ class Headless:
         return picture
 
     def _set_frame(self, frame: int) -> None:
-        """Move the cursor, as soon as the file has arrived."""
-        end = time.monotonic() + 20
-        while time.monotonic() < end:
+        """Move the cursor, as soon as the file has arrived: on a busy machine whenever that is."""
+        while True:
             state = self.client.get_state()
             wanted = [r for r in state.recordings if r.store_id.endswith(f":{self.recording_id}")]
             if not state.loading and wanted and any(t.name == FRAME for t in wanted[0].timelines):
                 self.client.set_time(FRAME, sequence=frame + 1, play_state="paused")
                 break
             time.sleep(0.02)
-        while time.monotonic() < end:
+        while True:
             recordings = self.client.get_state().recordings
             if any(r.store_id.endswith(f":{self.recording_id}") and r.current_time == frame + 1 for r in recordings):
                 return
             time.sleep(0.02)
-        there = [(r.store_id, r.current_time) for r in self.client.get_state().recordings]
-        raise TimeoutError(f"the viewer did not go to frame {frame} of {self.recording_id}, but is at {there}")
 
     def _still(self, view_id: str | None) -> NDArray[np.uint8]:
         """A picture that stays the same, after the messages of the start have faded and the view is there."""
@@ -115,15 +112,13 @@ class Headless:
         return np.asarray(Image.open(io.BytesIO(last)).convert("RGB"))
 
     def _connect(self, url: str) -> ViewerClient:
-        end = time.monotonic() + 30
         while True:
             try:
                 client = ViewerClient.connect(url)
                 client.take_screenshot(max_size=32)
                 return client
             except Exception as error:  # it is still starting
-                if self.process.poll() is not None or time.monotonic() > end:
-                    guardian.end(self.process)
+                if self.process.poll() is not None:
                     raise RuntimeError("no headless viewer: apt-get install mesa-vulkan-drivers") from error
                 time.sleep(0.1)
 

@@ -10,7 +10,7 @@ from flapping import make_run
 from numpy.typing import NDArray
 from vulkan import need_vulkan
 
-from mocap.cameras.camera import Camera, project, stacked
+from mocap.cameras.camera import project, stacked
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
 from mocap.rerun import palette, paths
@@ -83,14 +83,12 @@ def amount(picture: NDArray, color: palette.Rgb | None) -> int:
     return int((np.linalg.norm(picture.astype(float) - color, axis=-1) < NEAR).sum())
 
 
-@pytest.mark.parametrize(
-    ("handed", "y_up", "skew"), [(1.0, False, 0.0), (-1.0, True, 0.0), (-1.0, False, 0.0), (1.0, True, 150.0)]
-)
+@pytest.mark.parametrize(("handed", "y_up", "skew"), [(1.0, False, 0.0), (-1.0, True, 150.0)])
 def test_the_viewer_projects_markers_to_our_pixels(viewer, tmp_path, handed, y_up, skew):
     """Every ball in a camera's tile is where our model puts the marker, in two frames and two cameras.
 
     The viewer gets positions, pose and lens, and projects by itself, so this is an independent check of all three.
-    Mirrored worlds, pixels that run up, and skewed sensors included.
+    A mirrored world, pixels that run up, and a skewed sensor included. Twelve pixels beside, there is nothing.
     """
     run = loaded(viewer, make_run(n_frames=60, n_cameras=3, handed=handed, y_up=y_up, skew=skew), tmp_path)
     for c, frame in ((0, FRAME), (2, 50)):
@@ -100,22 +98,6 @@ def test_the_viewer_projects_markers_to_our_pixels(viewer, tmp_path, handed, y_u
             assert len(uv_px) > 0
             assert share_found(picture, uv_px, palette.ORIGIN[name]) == 1.0
             assert share_found(picture, uv_px + SHIFT_PX, palette.ORIGIN[name]) < 0.5
-
-
-@pytest.mark.parametrize("shifted", ["camera", "markers"])
-def test_a_shift_of_twelve_pixels_is_seen(viewer, tmp_path, shifted):
-    """The check above fails when the camera or the markers of the recording are not where we think they are."""
-    run = make_run(n_frames=60, n_cameras=2)
-    if shifted == "camera":
-        move = np.array([[1, 0, SHIFT_PX], [0, 1, 0], [0, 0, 1.0]])
-        cameras = tuple(Camera(name=c.name, matrix=move @ c.matrix, size_px=c.size_px) for c in run.cameras)
-        other = replace(run, cameras=cameras)
-    else:
-        other = run.having(position=run.xyz_m + np.array([0, 0, SHIFT_PX * 1.3 / 1100]))
-    other = loaded(viewer, other, tmp_path)
-    picture = viewer.picture(tile(other, "cam1", paths.child(paths.MARKERS, "measured")), frame=FRAME)
-    assert share_found(picture, expected_px(other, 0, FRAME, Status.MEASURED), palette.SKY_BLUE) == 1.0
-    assert share_found(picture, expected_px(run, 0, FRAME, Status.MEASURED), palette.SKY_BLUE) < 0.5
 
 
 def test_what_is_hidden_is_not_seen(viewer, tmp_path):
@@ -130,7 +112,8 @@ def test_what_is_hidden_is_not_seen(viewer, tmp_path):
     }
     for path, color in layers.items():
         assert amount(viewer.picture(tile(run, "cam1", path), frame=FRAME), color) > 10
-        assert amount(viewer.picture(tile(run, "cam1", path, hidden=(path,)), frame=FRAME), color) == 0
+    hidden = viewer.picture(tile(run, "cam1", *layers, hidden=tuple(layers)), frame=FRAME)
+    assert not any(amount(hidden, color) for color in layers.values())
 
 
 def test_measured_pixels_are_seen_where_they_were_measured(viewer, tmp_path):
@@ -209,11 +192,11 @@ def test_what_is_hidden_in_a_view_is_gone(viewer, layered, name):
     """Each view shows what it is for: hidden, its colour is gone, or nearly where others blend to it."""
     make, layers = SHOWN[name]
     layout = make_layout(layered)
-    whole = viewer.picture(make(layout), frame=FRAME)
-    for path, color in layers:
-        view = make(layout)
+    whole, view = viewer.picture(make(layout), frame=FRAME), make(layout)
+    for path, _ in layers:
         view.visualizer_overrides[path] = rrb.EntityBehavior(visible=False)
-        without = viewer.picture(view, frame=FRAME)
+    without = viewer.picture(view, frame=FRAME)
+    for path, color in layers:
         assert amount(whole, color) > 8 + 2 * amount(without, color), path
 
 

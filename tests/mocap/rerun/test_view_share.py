@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
@@ -11,13 +12,22 @@ from flapping import make_run
 from test_view_pictures import amount
 
 from mocap.errors import OutputError
-from mocap.rerun import palette
+from mocap.rerun import palette, share
 from mocap.rerun.record import write_recording
 from mocap.rerun.share import PAGE, write_page
 from mocap.rerun.viewer import open_viewer
 
 pytestmark = pytest.mark.viewer
 SETTLED_COLORS = 150
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _fetched_once():
+    """The installed viewer is fetched and compressed once, not for each page."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("fetched_viewer", "_held"):
+            patch.setattr(share, name, cache(getattr(share, name)))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from flapping import make_run
 from readback import entities
 
 from mocap.rerun import record
+from mocap.rerun.record import write_recording
 from mocap.rerun.tabs.registry import TABS
 
 
@@ -25,7 +26,7 @@ def test_a_registered_tab_is_logged_and_laid_out(monkeypatch, tmp_path):
     mine = (*TABS, SimpleNamespace(log=log, tab=tab))
     monkeypatch.setattr(record, "TABS", mine)
     run = make_run(n_frames=5, n_cameras=1, n_joints=0)
-    record.write_recording(run, tmp_path / "a.rrd")
+    write_recording(run, tmp_path / "a.rrd")
     assert "/mine" in entities(tmp_path / "a.rrd")
     assert seen["asked"] == run.name
 

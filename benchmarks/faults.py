@@ -251,8 +251,8 @@ def _kinds(*names: str) -> frozenset[str]:
 
 
 FAULTS: dict[str, Fault] = {
-    "columns mirrored": Fault(_kinds("mirrored pixels", "flipped camera"), (1, 2), "cameras", mirrored),
-    "rows from below": Fault(_kinds("mirrored pixels", "flipped camera"), (1, 2), "cameras", upside_down),
+    "columns mirrored": Fault(_kinds("mirrored pixels"), (1, 2), "cameras", mirrored),
+    "rows from below": Fault(_kinds("mirrored pixels"), (1, 2), "cameras", upside_down),
     "film below another": Fault(_kinds("shifted pixels"), (1, 2), "cameras", below),
     "cameras exchanged": Fault(_kinds("swapped cameras"), (2, 3), "cameras", exchanged),
     "one camera turned": Fault(_kinds("foreign camera", "large residual"), (20, 60, 200), "px", moved),

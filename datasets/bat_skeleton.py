@@ -5,7 +5,7 @@ from mocap.datasets.bat_wing import DIGITS_M, SEGMENTS
 from numpy.typing import NDArray
 
 from mocap.measures import JointAxes, Measures, Segment
-from mocap.skeleton import Bone, Joint, Skeleton
+from mocap.skeleton import Skeleton
 
 TRUNK = ("sternum", "back", "pelvis", "shoulder_l", "shoulder_r")
 AXIAL = ("snout", "head", "ear_l", "ear_r", "sternum", "back", "pelvis", "tail")
@@ -66,23 +66,21 @@ _MEMBRANES = (
 
 def bat_skeleton() -> Skeleton:
     """The bat's skeleton; bones are rigid but the neck and the legs, whose joints carry no marker."""
-    bones = [Bone(a=a, b=b) for a, b in _AXIAL_BONES]
-    bones += [Bone(a="back", b="head", rigid=False)]
-    joints = []
+    bones: list[tuple[str, ...]] = [*_AXIAL_BONES, ("back", "head", "soft")]
+    joints: dict[str, tuple[str, str, str]] = {}
     for side in "lr":
-        bones += [Bone(a=f"{a}_{side}", b=f"{b}_{side}") for a, b in _WING_BONES]
-        bones += [Bone(a="pelvis", b=f"ankle_{side}", rigid=False)]
-        joints.append(Joint(name=f"shoulder_{side}", parent="back", centre=f"shoulder_{side}", child=f"elbow_{side}"))
-        joints += [
-            Joint(name=f"{name}_{side}", parent=f"{a}_{side}", centre=f"{b}_{side}", child=f"{c}_{side}")
-            for name, (a, b, c) in _WING_JOINTS.items()
-        ]
-    joints.append(Joint(name="tail", parent="back", centre="pelvis", child="tail"))
+        bones += [(f"{a}_{side}", f"{b}_{side}") for a, b in _WING_BONES]
+        bones += [("pelvis", f"ankle_{side}", "soft")]
+        joints[f"shoulder_{side}"] = ("back", f"shoulder_{side}", f"elbow_{side}")
+        joints |= {
+            f"{name}_{side}": (f"{a}_{side}", f"{b}_{side}", f"{c}_{side}") for name, (a, b, c) in _WING_JOINTS.items()
+        }
+    joints["tail"] = ("back", "pelvis", "tail")
     return Skeleton(
         name="bat",
         markers=MARKERS,
-        bones=tuple(bones),
-        joints=tuple(joints),
+        bones=bones,
+        joints=joints,
         trunk=TRUNK,
         max_speed_m_s=20.0,
         measures=_measures(),

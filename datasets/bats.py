@@ -15,7 +15,7 @@ from mocap.datasets.observe import WIND_TUNNEL, Digitiser
 from mocap.datasets.occlusion import Solid
 from mocap.datasets.recording import SyntheticRecording
 from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
-from mocap.datasets.scene import Motion, Scene, frame_times, start_times
+from mocap.datasets.scene import Motion, Scene
 from mocap.datasets.wander import draw_wander, skin_motion
 
 from eal.arrays import Array
@@ -78,38 +78,32 @@ def make_bat(
     Raises:
         ValueError: fewer than 2 cameras or 1 frame, or a rate that is not positive.
     """
-    digitiser = digitiser or Digitiser()
     rig = f"flight tunnel, {n_cameras} wide action cameras with {lens} lenses"
     if cameras is None:
         cameras = tunnel_cameras(n_cameras, lens=lens)
     else:
         rig = f"{len(cameras)} cameras given by the caller"
-    _, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
     card = {
-        "name": "bat",
         "species": f"bat of 30 g and 0.34 m span, {'level flight' if manoeuvre == 'level' else 'U-turns'}",
         "rig": rig,
-        "seed": seed,
         "wing_beat_hz": BEAT_HZ,
         "skin_m": skin_m,
         "rolling": rolling,
     }
     return film(
         bat_motion(seed, skin_m=skin_m, rolling=rolling, folding=folding, manoeuvre=manoeuvre),
-        frame_times(n_frames, fps),
         cameras,
         name="bat",
+        seed=seed,
+        n_frames=n_frames,
         fps=fps,
-        start_s=start_times(starts_seed, len(cameras), start_spread_frames / fps),
-        digitiser=digitiser,
-        rng=np.random.default_rng(clicks_seed),
+        digitiser=digitiser or Digitiser(),
         card=card,
+        start_spread_frames=start_spread_frames,
     )
 
 
-def make_bat_wind_tunnel(
-    *, seed: int = 0, n_frames: int = 270, digitiser: Digitiser = WIND_TUNNEL
-) -> SyntheticRecording:
+def make_bat_wind_tunnel(*, seed: int = 0, digitiser: Digitiser = WIND_TUNNEL) -> SyntheticRecording:
     """The bat as a real one was recorded: 4 cameras at 700 Hz in a wind tunnel, clicked by a human over half a second.
 
     Rig, clicks and folding are tuned to three flights (078A3 F2, F3, F5) of the recordings that ``mocap data path
@@ -117,7 +111,7 @@ def make_bat_wind_tunnel(
     """
     recording = make_bat(
         seed=seed,
-        n_frames=n_frames,
+        n_frames=270,
         fps=700.0,
         cameras=wind_tunnel_cameras(),
         folding=(1.6, 0.1),

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from mocap.datasets.bats import bat_motion, make_bat, make_bat_wind_tunnel
 from mocap.datasets.boards import Board
@@ -13,7 +15,7 @@ from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard
 from mocap.datasets.movie import shown_pixels, write_movies
 from mocap.datasets.pendulums import Pendulum, make_pendulum, write_pendulum
 from mocap.datasets.recording import SyntheticRecording
-from mocap.datasets.rig import LensKind, tank_cameras, tunnel_cameras
+from mocap.datasets.rig import tank_cameras, tunnel_cameras
 from mocap.datasets.scene import Motion
 from mocap.datasets.wand import wand_sweep, write_wand_sweep
 
@@ -44,9 +46,9 @@ class Entry:
     write: Callable[[int, Path, Progress], object]
 
 
-def _recording(name: str, what: str, make: Callable[[int], SyntheticRecording]) -> Entry:
+def _recording(name: str, what: str, make: Callable[..., SyntheticRecording], **options: Any) -> Entry:
     def write(seed: int, folder: Path, _: Progress) -> None:
-        write_recording(make(seed), folder, others=True)
+        write_recording(make(seed=seed, **options), folder, others=True)
 
     return Entry(name=name, what=what, write=write)
 
@@ -54,12 +56,13 @@ def _recording(name: str, what: str, make: Callable[[int], SyntheticRecording]) 
 def _movies(
     name: str,
     what: str,
-    make: Callable[[int], SyntheticRecording],
+    make: Callable[..., SyntheticRecording],
     motion: Callable[[int], Motion],
     disturbances: Disturbances = CLEAN,
+    **options: Any,
 ) -> Entry:
     def write(seed: int, folder: Path, progress: Progress) -> None:
-        recording = make(seed)
+        recording = make(seed=seed, **options)
         filmed = {"start_s": recording.start_s, "disturbances": disturbances, "seed": seed}
         t_s, cameras = recording.truth.t_s, recording.cameras
         card = {**recording.card, "films": asdict(disturbances)}
@@ -95,100 +98,63 @@ def _wand(name: str, what: str, rig: Callable[[], tuple[Camera, ...]], size_m: f
     return Entry(name=name, what=what, write=write)
 
 
-def _tunnel(n_cameras: int, lens: LensKind = "brown") -> Callable[[], tuple[Camera, ...]]:
-    return lambda: tunnel_cameras(n_cameras, lens=lens)
-
-
-def _tank() -> tuple[Camera, ...]:
-    return tank_cameras(4, slope_rad=SLOPE_RAD)
-
-
-def _bat_imperfect(seed: int) -> SyntheticRecording:
-    return make_bat(
-        seed=seed, n_cameras=30, lens="fisheye", manoeuvre="turn", rolling=0.03, skin_m=0.001, start_spread_frames=0.9
-    )
-
+_TANK = partial(tank_cameras, 4, slope_rad=SLOPE_RAD)
+_TUNNEL, _FISHEYES = partial(tunnel_cameras, 8), partial(tunnel_cameras, 8, lens="fisheye")
+_BAT_FILM: dict[str, Any] = {"make": make_bat, "motion": bat_motion, "n_cameras": 4, "n_frames": 60}
+_LIZARD_FILM: dict[str, Any] = {"make": make_lizard, "motion": lizard_motion, "n_frames": 250}
+_IMPERFECT: dict[str, Any] = {"rolling": 0.03, "skin_m": 0.001, "start_spread_frames": 0.9}
 
 ENTRIES = (
     _recording(
         "bat",
         "bat in level flight, 34 markers, 8 wide-angle cameras (Brown lenses), 240 Hz; used by the demo",
-        lambda s: make_bat(seed=s),
+        make_bat,
     ),
-    _recording(
-        "bat_30", "the same flight, 30 wide-angle cameras (Brown lenses)", lambda s: make_bat(seed=s, n_cameras=30)
-    ),
-    _recording(
-        "bat_fisheye", "the same flight, 30 fisheye cameras", lambda s: make_bat(seed=s, n_cameras=30, lens="fisheye")
-    ),
+    _recording("bat_30", "the same flight, 30 wide-angle cameras (Brown lenses)", make_bat, n_cameras=30),
+    _recording("bat_fisheye", "the same flight, 30 fisheye cameras", make_bat, n_cameras=30, lens="fisheye"),
     _recording(
         "bat_turn",
         "bat flying U-turns, 30 wide-angle cameras (Brown lenses)",
-        lambda s: make_bat(seed=s, n_cameras=30, manoeuvre="turn"),
+        make_bat,
+        n_cameras=30,
+        manoeuvre="turn",
     ),
     _recording(
         "bat_imperfect",
         "bat flying U-turns, 30 fisheye cameras not synchronised (up to 0.9 frames), rolling joints, loose skin",
-        _bat_imperfect,
+        make_bat,
+        n_cameras=30,
+        lens="fisheye",
+        manoeuvre="turn",
+        **_IMPERFECT,
     ),
     _recording(
-        "bat_wind_tunnel",
-        "bat, 4 cameras, 700 Hz, placed and digitised as in a real wind tunnel",
-        lambda s: make_bat_wind_tunnel(seed=s),
+        "bat_wind_tunnel", "bat, 4 cameras, 700 Hz, placed and digitised as in a real wind tunnel", make_bat_wind_tunnel
     ),
-    _recording(
-        "lizard", "lizard walking up a rod, 24 markers, 4 high-speed cameras, 250 Hz", lambda s: make_lizard(seed=s)
-    ),
-    _recording(
-        "lizard_imperfect",
-        "the same walk with rolling joints",
-        lambda s: make_lizard(seed=s, rolling=0.04, skin_m=0.0004),
-    ),
-    _movies(
-        "bat_movies",
-        "a quarter of a second of the bat's flight with movies of 4 cameras",
-        lambda s: make_bat(seed=s, n_cameras=4, n_frames=60),
-        bat_motion,
-    ),
-    _movies(
-        "lizard_movies",
-        "a second of the lizard's walk with movies of 4 cameras",
-        lambda s: make_lizard(seed=s, n_frames=250),
-        lizard_motion,
-    ),
+    _recording("lizard", "lizard walking up a rod, 24 markers, 4 high-speed cameras, 250 Hz", make_lizard),
+    _recording("lizard_imperfect", "the same walk with rolling joints", make_lizard, rolling=0.04, skin_m=0.0004),
+    _movies("bat_movies", "a quarter of a second of the bat's flight with movies of 4 cameras", **_BAT_FILM),
+    _movies("lizard_movies", "a second of the lizard's walk with movies of 4 cameras", **_LIZARD_FILM),
     _movies(
         "bat_movies_spoilt",
         "the bat's movies with bars, blur, noise, flicker, reflections, merging dots, compression and texture",
-        lambda s: make_bat(seed=s, n_cameras=4, n_frames=60),
-        bat_motion,
-        ALL,
+        disturbances=ALL,
+        **_BAT_FILM,
     ),
-    _movies(
-        "lizard_movies_spoilt",
-        "the lizard's movies with the same disturbances",
-        lambda s: make_lizard(seed=s, n_frames=250),
-        lizard_motion,
-        ALL,
-    ),
+    _movies("lizard_movies_spoilt", "the lizard's movies with the same disturbances", disturbances=ALL, **_LIZARD_FILM),
     _pendulum("pendulum_planar", "400 samples of the paper's pendulum in the plane, polar", "planar", 0.0),
     _pendulum("pendulum_planar_noisy", "with uniform noise of 0.1 m width on its radius", "planar", 0.1),
     _pendulum("pendulum_spherical", "400 samples of the paper's pendulum in space, Cartesian", "spherical", 0.0),
     _pendulum("pendulum_spherical_noisy", "with uniform noise of 0.1 m width on its radius", "spherical", 0.1),
-    _session("calibration_tunnel", "pictures of a checkerboard in the bat's 8 cameras", _tunnel(8), _TUNNEL_BOARD, 40),
+    _session("calibration_tunnel", "pictures of a checkerboard in the bat's 8 cameras", _TUNNEL, _TUNNEL_BOARD, 40),
     _session(
-        "calibration_tunnel_charuco", "pictures of a ChArUco board in the same cameras", _tunnel(8), _TUNNEL_CHARUCO, 40
+        "calibration_tunnel_charuco", "pictures of a ChArUco board in the same cameras", _TUNNEL, _TUNNEL_CHARUCO, 40
     ),
-    _session(
-        "calibration_fisheye",
-        "pictures of a checkerboard in 8 fisheye cameras",
-        _tunnel(8, "fisheye"),
-        _TUNNEL_BOARD,
-        40,
-    ),
-    _session("calibration_tank", "pictures of a checkerboard in the lizard's 4 cameras", _tank, _TANK_BOARD, 32),
-    _session("calibration_tank_charuco", "pictures of a ChArUco board in the same cameras", _tank, _TANK_CHARUCO, 32),
-    _wand("wand_tunnel", "a wand of 0.2 m swept through the view of the bat's 8 cameras", _tunnel(8), 0.2),
-    _wand("wand_tank", "a wand of 0.08 m swept through the view of the lizard's 4 cameras", _tank, 0.08),
+    _session("calibration_fisheye", "pictures of a checkerboard in 8 fisheye cameras", _FISHEYES, _TUNNEL_BOARD, 40),
+    _session("calibration_tank", "pictures of a checkerboard in the lizard's 4 cameras", _TANK, _TANK_BOARD, 32),
+    _session("calibration_tank_charuco", "pictures of a ChArUco board in the same cameras", _TANK, _TANK_CHARUCO, 32),
+    _wand("wand_tunnel", "a wand of 0.2 m swept through the view of the bat's 8 cameras", _TUNNEL, 0.2),
+    _wand("wand_tank", "a wand of 0.08 m swept through the view of the lizard's 4 cameras", _TANK, 0.08),
 )
 """In the order in which they are listed."""
 

@@ -9,7 +9,7 @@ from mocap.datasets.observe import Digitiser, click_noise, lost, misplace
 from mocap.datasets.occlusion import occluded
 from mocap.datasets.recording import SyntheticRecording
 from mocap.datasets.rig import picture_size
-from mocap.datasets.scene import Motion, Scene
+from mocap.datasets.scene import Motion, Scene, frame_times, start_times
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -19,32 +19,35 @@ from mocap.records import PixelTracks
 
 def film(
     motion: Motion,
-    t_s: Array,
     cameras: Sequence[Camera],
     *,
     name: str,
+    seed: int,
+    n_frames: int,
     fps: float,
-    start_s: Array,
     digitiser: Digitiser,
-    rng: np.random.Generator,
     card: dict,
+    start_spread_frames: float = 0.0,
 ) -> SyntheticRecording:
     """Record and digitise an animal in motion.
 
     Args:
         motion: The animal.
-        t_s: (T,) times of the frames of a camera that starts at 0; the truth is at these.
         cameras: C cameras with lens and size.
         name: Name of the recording.
-        fps: Frames a second, those of ``t_s``.
-        start_s: (C,) time by which each camera starts late: its frame n is taken at ``t_s[n] + start_s``.
+        seed: Of noise, faults and starts.
+        n_frames: Number of frames; the truth is at those of a camera that starts at 0.
+        fps: Frames a second.
         digitiser: Quality of the digitising.
-        rng: Source of noise and faults.
-        card: Entries that the caller adds to the card: species, rig, seed.
+        card: Entries that the caller adds to the card: species, rig.
+        start_spread_frames: Cameras start within so much of a frame of each other; 0: at the same instant.
 
     Returns:
         The recording, with its truth.
     """
+    _, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)  # the first is the motion's
+    t_s, rng = frame_times(n_frames, fps), np.random.default_rng(clicks_seed)
+    start_s = start_times(starts_seed, len(cameras), start_spread_frames / fps)
     scene = motion(t_s)
     scenes = [scene if late_s == 0 else motion(t_s + late_s) for late_s in start_s]
     views = [
@@ -78,7 +81,7 @@ def film(
         lost=missing,
         outlier=outlier,
         contact=scene.contact,
-        card=_card(card, pixels, fps, start_s, digitiser, hidden, outlier),
+        card={"name": name, **card, "seed": seed} | _statistics(pixels, fps, start_s, digitiser, hidden, outlier),
     )
 
 
@@ -113,8 +116,7 @@ def outside(cameras: Sequence[Camera], xyz_m: Array, uv_px: Array) -> NDArray[np
     return (depth_m <= 0) | ((uv_px < -0.5) | (uv_px > size_px - 0.5)).any(axis=-1)
 
 
-def _card(
-    card: dict,
+def _statistics(
     pixels: PixelTracks,
     fps: float,
     start_s: Array,
@@ -125,7 +127,6 @@ def _card(
     n_cameras, n_frames, n_markers = hidden.shape
     counts = pixels.seen.sum(axis=0)
     return {
-        **card,
         "frames": n_frames,
         "fps": fps,
         "markers": n_markers,

@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from mocap.measures import JointAxes, Measures
-from mocap.skeleton import Bone, Joint, Skeleton
+from mocap.skeleton import Skeleton
 
 AXIAL = ("snout", "head", "neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3")
 LIMBS = {"fore": ("shoulder", "elbow", "wrist", "hand"), "hind": ("hip", "knee", "ankle", "foot")}
@@ -13,25 +13,20 @@ TRUNK = ("neck", "spine", "shoulder_l", "shoulder_r")
 
 def lizard_skeleton() -> Skeleton:
     """The lizard's skeleton; every bone is rigid."""
-    bones = [Bone(a=a, b=b) for a, b in pairwise(AXIAL)]
-    bones += [Bone(a="shoulder_l", b="shoulder_r"), Bone(a="hip_l", b="hip_r")]
-    joints = [
-        Joint(name=centre, parent=parent, centre=centre, child=child)
-        for parent, centre, child in zip(AXIAL[:-2], AXIAL[1:-1], AXIAL[2:], strict=True)
+    bones = [*pairwise(AXIAL), ("shoulder_l", "shoulder_r"), ("hip_l", "hip_r")]
+    chains = [AXIAL]
+    chains += [
+        (girdle, *(f"{name}_{side}" for name in LIMBS[limb]))
+        for side in "lr"
+        for girdle, limb in (("neck", "fore"), ("pelvis", "hind"))
     ]
-    for side in "lr":
-        for girdle, limb in (("neck", "fore"), ("pelvis", "hind")):
-            chain = (girdle, *(f"{name}_{side}" for name in LIMBS[limb]))
-            bones += [Bone(a=a, b=b) for a, b in pairwise(chain)]
-            joints += [
-                Joint(name=centre, parent=parent, centre=centre, child=child)
-                for parent, centre, child in zip(chain[:-2], chain[1:-1], chain[2:], strict=True)
-            ]
+    for chain in chains[1:]:
+        bones += pairwise(chain)
     return Skeleton(
         name="lizard",
         markers=MARKERS,
-        bones=tuple(bones),
-        joints=tuple(joints),
+        bones=bones,
+        joints={triple[1]: triple for chain in chains for triple in zip(chain, chain[1:], chain[2:], strict=False)},
         trunk=TRUNK,
         max_speed_m_s=3.0,
         measures=_measures(),

@@ -11,7 +11,7 @@ from mocap.datasets.observe import Digitiser
 from mocap.datasets.occlusion import Solid
 from mocap.datasets.recording import SyntheticRecording
 from mocap.datasets.rig import tank_cameras
-from mocap.datasets.scene import Motion, Scene, frame_times, start_times
+from mocap.datasets.scene import Motion, Scene
 from mocap.datasets.wander import draw_wander, skin_motion
 
 from eal.arrays import Array
@@ -75,15 +75,10 @@ def make_lizard(
     Raises:
         ValueError: fewer than 2 cameras or 1 frame, or a rate that is not positive.
     """
-    digitiser = digitiser or Digitiser(bursts_per_s=0.4)
-    cameras = tank_cameras(n_cameras, slope_rad=SLOPE_RAD)
-    _, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
     card = {
-        "name": "lizard",
         "species": "brown anole (Anolis sagrei), adult, walking up a rod",
         "rig": f"tank with a rod of {2e3 * _ROD_RADIUS_M:.0f} mm at {np.rad2deg(SLOPE_RAD):.0f} degrees, "
         f"{n_cameras} high-speed cameras",
-        "seed": seed,
         "stride_hz": round(SPEED_M_S / GAIT.stride_m, 3),
         "duty": GAIT.duty,
         "skin_m": skin_m,
@@ -91,14 +86,14 @@ def make_lizard(
     }
     return film(
         lizard_motion(seed, skin_m=skin_m, rolling=rolling),
-        frame_times(n_frames, fps),
-        cameras,
+        tank_cameras(n_cameras, slope_rad=SLOPE_RAD),
         name="lizard",
+        seed=seed,
+        n_frames=n_frames,
         fps=fps,
-        start_s=start_times(starts_seed, n_cameras, start_spread_frames / fps),
-        digitiser=digitiser,
-        rng=np.random.default_rng(clicks_seed),
+        digitiser=digitiser or Digitiser(bursts_per_s=0.4),
         card=card,
+        start_spread_frames=start_spread_frames,
     )
 
 

@@ -103,19 +103,22 @@ def lost(
         else:
             groups = neighbours if kind < 0.85 else clusters
             markers = list(groups[int(rng.integers(len(groups)))])
-        shortest, longest = digitiser.burst_frames
-        length = round(np.exp(rng.uniform(np.log(shortest), np.log(longest))))
-        start = int(rng.integers(-length, n_frames))
+        frames = _burst(rng, digitiser.burst_frames, n_frames)
         blind = np.ones(n_cameras, dtype=bool) if rng.random() < 2 / 3 else rng.random(n_cameras) < 0.75
         for marker in markers:
-            missing[blind, max(start, 0) : max(start + length, 0), marker] = True
+            missing[blind, frames, marker] = True
     if digitiser.camera_bursts_per_s > 0:
-        shortest, longest = digitiser.camera_burst_frames
         for _ in range(rng.poisson(digitiser.camera_bursts_per_s * missing.size / fps)):
-            length = round(np.exp(rng.uniform(np.log(shortest), np.log(longest))))
-            start = int(rng.integers(-length, n_frames))
-            missing[rng.integers(n_cameras), max(start, 0) : start + length, rng.integers(n_markers)] = True
+            frames = _burst(rng, digitiser.camera_burst_frames, n_frames)
+            missing[rng.integers(n_cameras), frames, rng.integers(n_markers)] = True
     return missing
+
+
+def _burst(rng: np.random.Generator, lengths: tuple[int, int], n_frames: int) -> slice:
+    """Frames of a loss, of a length between two, evenly by its logarithm; it may have begun before the first."""
+    length = round(np.exp(rng.uniform(*np.log(lengths))))
+    start = int(rng.integers(-length, n_frames))
+    return slice(max(start, 0), start + length)
 
 
 def misplace(rng: np.random.Generator, uv_px: Array, digitiser: Digitiser) -> tuple[Array, NDArray[np.bool_]]:

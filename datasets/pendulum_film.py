@@ -9,7 +9,7 @@ from mocap.datasets.observe import Digitiser
 from mocap.datasets.pendulums import GRAVITY_M_S2, Pendulum, pendulum_motion
 from mocap.datasets.recording import SyntheticRecording
 from mocap.datasets.rig import aimed
-from mocap.datasets.scene import Scene, frame_times
+from mocap.datasets.scene import Scene
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera
@@ -31,7 +31,6 @@ def make_pendulum_film(
     fps: float = 100.0,
     swing_rad: float = np.pi / 6,
     azimuth_rad: float = 0.0,
-    digitiser: Digitiser | None = None,
 ) -> SyntheticRecording:
     """A pendulum of 1 m and 1 kg before four cameras.
 
@@ -42,29 +41,24 @@ def make_pendulum_film(
         fps: Frames a second.
         swing_rad: Angle above the horizontal at which the planar pendulum is released at rest.
         azimuth_rad: Turn of the spherical pendulum's start about the vertical.
-        digitiser: Quality of the digitising; None: a human's with losses of the marker in all cameras.
 
     Returns:
         The recording, with its truth: markers ``top``, ``front``, ``side``, ``pivot``, ``bob``.
     """
-    digitiser = digitiser or Digitiser(bursts_per_s=1.5, burst_frames=(10, 40))
-    _, clicks = np.random.SeedSequence(seed).spawn(2)
     return film(
         partial(_scene, kind=kind, swing_rad=swing_rad, azimuth_rad=azimuth_rad),
-        frame_times(n_frames, fps),
         _cameras(),
         name=f"{kind}_pendulum",
+        seed=seed,
+        n_frames=n_frames,
         fps=fps,
-        start_s=np.zeros(4),
-        digitiser=digitiser,
-        rng=np.random.default_rng(clicks),
+        digitiser=Digitiser(bursts_per_s=1.5, burst_frames=(10, 40)),  # lost in all cameras at times
         card={
             "name": f"{kind} pendulum on a stand",
             "length_m": 1.0,
             "mass_kg": 1.0,
             "gravity_m_s2": GRAVITY_M_S2,
             "rig": "four cameras, 3 m from the pivot",
-            "seed": seed,
         },
     )
 

@@ -50,8 +50,6 @@ def wand_sweep(
     length_m: float,
     reach_m: Sequence[float],
     n_frames: int = 300,
-    fps: float = 60.0,
-    click_px: float = 0.3,
 ) -> WandSweep:
     """A wand that is waved and tumbled about the world's origin.
 
@@ -61,9 +59,8 @@ def wand_sweep(
         length_m: Distance of the ends.
         reach_m: (3,) root mean square way of its middle along each axis.
         n_frames: Number of frames.
-        fps: Frames a second.
-        click_px: Standard deviation of a pixel: the middle of a light or ball is found better than a skin marker.
     """
+    fps, click_px = 60.0, 0.3  # the middle of a light or ball is found better than a skin marker
     rng = np.random.default_rng(seed)
     t_s = np.arange(n_frames) / fps
     middle = np.stack([reach * draw_wander(rng, band_hz=(0.1, 0.6)).value(t_s) for reach in reach_m], axis=-1)

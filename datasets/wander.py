@@ -52,9 +52,7 @@ def draw_wander(rng: np.random.Generator, *, band_hz: tuple[float, float], terms
     )
 
 
-def skin_motion(
-    rng: np.random.Generator, t_s: Array, cycle_rad: Array, scale_m: Array, *, band_hz: tuple[float, float] = (0.5, 6.0)
-) -> Array:
+def skin_motion(rng: np.random.Generator, t_s: Array, cycle_rad: Array, scale_m: Array) -> Array:
     """How far skin carries each marker from the bone beneath it: half in step with the cycle, half wandering.
 
     Args:
@@ -62,7 +60,6 @@ def skin_motion(
         t_s: (T,) times.
         cycle_rad: (T,) phase of the gait or wing beat.
         scale_m: (M,) root mean square of one coordinate of each marker.
-        band_hz: Band of the wandering half.
 
     Returns:
         (T, M, 3) offsets in metres, in the frame of the trunk.
@@ -71,6 +68,6 @@ def skin_motion(
     for m in range(len(scale_m)):
         for axis in range(3):
             in_step = np.sqrt(2) * np.sin(cycle_rad + rng.uniform(0, 2 * np.pi))
-            wander = draw_wander(rng, band_hz=band_hz).value(t_s)
+            wander = draw_wander(rng, band_hz=(0.5, 6.0)).value(t_s)
             offsets[:, m, axis] = scale_m[m] * np.sqrt(0.5) * (in_step + wander)
     return offsets

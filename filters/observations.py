@@ -33,6 +33,7 @@ class Sights:
         sd: (g, 3) standard deviations, that of the linearisation included.
         dof: (g,) degrees of freedom of Student's t that the errors follow; infinite where they are normal.
         apart: (g,) rays that do not meet another one of their marker: of such at most one is right.
+        by_hand: (g,) what a person states, which is believed wherever it is; False: nothing is.
     """
 
     where: NDArray[np.int64]
@@ -42,6 +43,7 @@ class Sights:
     sd: Array
     dof: Array
     apart: NDArray[np.bool_]
+    by_hand: NDArray[np.bool_] | bool = False
 
 
 def seen_from(sights: Sights, shift: Array) -> Sights:
@@ -86,6 +88,7 @@ class PixelObservations:
         cov_m2: (T, M, 3, 3) their covariance.
         wide_m: Standard deviation of a marker coordinate above which pixels are not used directly.
         dof: (C,) degrees of freedom of Student's t; None: errors are normal.
+        by_hand: (C, T, M) rays that a person placed, whose errors are normal; None: none.
     """
 
     matrices: Array
@@ -95,6 +98,7 @@ class PixelObservations:
     cov_m2: Array
     wide_m: float
     dof: Array | None = None
+    by_hand: NDArray[np.bool_] | None = None
 
     @property
     def n_frames(self) -> int:
@@ -122,6 +126,11 @@ class PixelObservations:
         camera, marker = np.nonzero(self._seen[:, frame] & ~wide)
         points = np.flatnonzero(wide & self._met[frame])
         n, total = len(camera), len(camera) + len(points)
+        dof, by_hand = np.full(total, np.inf), np.zeros(total, dtype=bool)
+        if self.by_hand is not None:
+            by_hand[:n] = self.by_hand[camera, frame, marker]
+        if self.dof is not None:
+            dof[:n] = np.where(by_hand[:n], np.inf, self.dof[camera])
         innovation, slope, sd = np.zeros((total, 3)), np.zeros((total, 3, 3)), np.ones((total, 3))
         predicted, change, error = linearised_pixels(self.matrices, mean, cov, camera, marker)
         innovation[:n, :2] = self.uv_px[camera, frame, marker] - predicted
@@ -136,8 +145,9 @@ class PixelObservations:
             innovation=innovation,
             slope=slope,
             sd=sd,
-            dof=np.append(np.full(n, np.inf) if self.dof is None else self.dof[camera], np.full(len(points), np.inf)),
+            dof=dof,
             apart=np.append(self._apart[frame, marker], np.zeros(len(points), dtype=bool)),
+            by_hand=by_hand,
         )
 
 
@@ -197,6 +207,7 @@ class PositionObservations:
             sd=np.repeat(self.sd_m[frame, marker, None], 3, axis=1),
             dof=np.full(len(marker), np.inf),
             apart=np.zeros(len(marker), dtype=bool),
+            by_hand=np.zeros(len(marker), dtype=bool),
         )
 
 
@@ -234,6 +245,7 @@ class WithBodies:
             sd=np.ones((len(marker), 3)),
             dof=np.full(len(marker), np.inf),
             apart=np.zeros(len(marker), dtype=bool),
+            by_hand=np.zeros(len(marker), dtype=bool),
         )
         return Sights(**{name: np.concatenate([value, vars(more)[name]]) for name, value in vars(own).items()})
 
@@ -256,5 +268,6 @@ def some_markers(observations: Observations, markers: NDArray[np.int64]) -> Obse
             sd_px=observations.sd_px[:, :, markers],
             xyz_m=observations.xyz_m[:, markers],
             cov_m2=observations.cov_m2[:, markers],
+            by_hand=None if observations.by_hand is None else observations.by_hand[:, :, markers],
         )
     raise TypeError(f"expected pixels or positions, not {type(observations).__name__}")

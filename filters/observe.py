@@ -78,7 +78,7 @@ def observe(
         markers: Those of the predicted state.
         sights: What is seen.
         gate_sd: Groups with a row further off than this many standard deviations are not believed (``gate_groups``);
-            a measured position always is.
+            a measured position always is, and what a person states.
         rounds: Reweightings of Student-t groups.
 
     Returns:
@@ -93,7 +93,8 @@ def observe(
     white = scaled if turn is None else scaled @ turn
     predicted = 1 + np.sum((white @ cov[marker]) * white, axis=2)
     squared = y**2 / predicted
-    used = gate_groups(squared.sum(axis=1), (squared > gate_sd**2).any(axis=1), sights.where, sights.apart)
+    far = (squared > gate_sd**2).any(axis=1) & np.logical_not(sights.by_hand)
+    used = gate_groups(squared.sum(axis=1), far, sights.where, sights.apart)
     if not used.any():
         return markers.state, None, unused(sights)
     both = np.concatenate([white, y[..., None]], axis=2)

@@ -55,33 +55,28 @@ __all__ = [
     "track",
 ]
 
-_PLACES = {
-    "Batch": "mocap.batches.run",
-    "Digitised": "mocap.digitising.digitised",
-    "Finding": "mocap.findings",
-    "Hints": "mocap.io.format",
-    "LabelledRecording": "mocap.digitising.labelled",
-    "MocapError": "mocap.errors",
-    "Model": "mocap.pipeline.learning",
-    "Recording": "mocap.pipeline.recording",
-    "Skeleton": "mocap.skeleton",
-    "Tracked": "mocap.results.tracked",
-    "batch": "mocap.batches.run",
-    "clean": "mocap.pipeline.cleaning",
-    "compare_joints": "mocap.results.joint_comparison",
-    "digitise": "mocap.digitising.digitised",
-    "from_arrays": "mocap.pipeline.arrays",
-    "from_pixels": "mocap.pipeline.arrays",
-    "label": "mocap.digitising.labelled",
-    "learn": "mocap.pipeline.learning",
-    "learn_joints": "mocap.results.many",
-    "load": "mocap.results.tracked",
-    "load_batch": "mocap.batches.run",
-    "processes": "mocap.side_by_side",
-    "load_model": "mocap.pipeline.learning",
-    "propose_skeleton": "mocap.pipeline.propose_skeleton",
-    "read": "mocap.pipeline.reading",
-    "track": "mocap.results.tracked",
+_PLACES = {  # the module of each public name
+    name: module
+    for module, names in {
+        "mocap.batches.run": "Batch batch load_batch",
+        "mocap.digitising.digitised": "Digitised digitise",
+        "mocap.digitising.labelled": "LabelledRecording label",
+        "mocap.errors": "MocapError",
+        "mocap.findings": "Finding",
+        "mocap.io.format": "Hints",
+        "mocap.pipeline.arrays": "from_arrays from_pixels",
+        "mocap.pipeline.cleaning": "clean",
+        "mocap.pipeline.learning": "Model learn load_model",
+        "mocap.pipeline.propose_skeleton": "propose_skeleton",
+        "mocap.pipeline.reading": "read",
+        "mocap.pipeline.recording": "Recording",
+        "mocap.results.joint_comparison": "compare_joints",
+        "mocap.results.many": "learn_joints",
+        "mocap.results.tracked": "Tracked load track",
+        "mocap.side_by_side": "processes",
+        "mocap.skeleton": "Skeleton",
+    }.items()
+    for name in names.split()
 }
 
 

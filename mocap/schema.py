@@ -101,17 +101,15 @@ def checked(
     return out
 
 
-def tables(
-    where: str, found: Any, schema: Schema, *, sizes: dict[str, int] | None = None, again: str
-) -> list[dict[str, Any]]:
-    """``checked`` of each record of a list; each has sizes of its own beside those that are known.
+def tables(where: str, found: Any, schema: Schema, *, again: str) -> list[dict[str, Any]]:
+    """``checked`` of each record of a list; each has sizes of its own.
 
     Raises:
         FormatError: it is no list, or as of ``checked``.
     """
     if not isinstance(found, list):
         raise FormatError(f"{where} is {type(found).__name__}, expected a list: {again}")
-    return [checked(f"{where}[{i}]", one, schema, sizes=dict(sizes or {}), again=again) for i, one in enumerate(found)]
+    return [checked(f"{where}[{i}]", one, schema, again=again) for i, one in enumerate(found)]
 
 
 def _entry(value: Any, entry: Entry, sizes: dict[str, int], before: Mapping[str, NDArray[Any]]) -> NDArray[Any]:

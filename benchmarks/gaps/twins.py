@@ -12,7 +12,7 @@ from mocap.datasets.lizard_skeleton import lizard_skeleton
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
-from mocap.datasets.scene import Motion, Scene, frame_times
+from mocap.datasets.scene import Motion, Scene
 
 from benchmarks.gaps.method import Film
 from benchmarks.gaps.prepared import prepared_film
@@ -90,13 +90,12 @@ def _takes(
     for twin in twins:
         filmed = film(
             twin.motion,
-            frame_times(FRAMES, fps),
             cameras,
             name=twin.name,
+            seed=twin.seed,
+            n_frames=FRAMES,
             fps=fps,
-            start_s=np.zeros(len(cameras)),
             digitiser=clicks,
-            rng=np.random.default_rng(np.random.SeedSequence(twin.seed).spawn(3)[1]),
             card={},
         )
         own = Film(

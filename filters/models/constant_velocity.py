@@ -70,7 +70,7 @@ def marker_density(xyz_m: Array, *, dt_s: float) -> Array:
     """(M,) spectral density of each marker's acceleration in a recording (T, M, 3); NaN where it is seen too seldom."""
     density = np.full(xyz_m.shape[1], np.nan)
     for marker, series in _series(xyz_m):
-        density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=_cutoff_hz(dt_s)).mean()
+        density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=fastest_hz(dt_s)).mean()
     return density
 
 
@@ -78,11 +78,12 @@ def marker_motion(xyz_m: Array, *, dt_s: float) -> Array:
     """(M, 2) standard deviations of each marker's velocity and acceleration; NaN where it is seen too seldom."""
     found = np.full((xyz_m.shape[1], 2), np.nan)
     for marker, series in _series(xyz_m):
-        found[marker] = np.sqrt(np.mean(motion_sd(series, dt_s=dt_s, cutoff_hz=_cutoff_hz(dt_s)) ** 2, axis=1))
+        found[marker] = np.sqrt(np.mean(motion_sd(series, dt_s=dt_s, cutoff_hz=fastest_hz(dt_s)) ** 2, axis=1))
     return found
 
 
-def _cutoff_hz(dt_s: float) -> float:
+def fastest_hz(dt_s: float) -> float:
+    """Motion that is faster is taken for noise."""
     return min(30.0, 0.2 / dt_s)
 
 

@@ -7,11 +7,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
-from mocap.cameras.camera import Camera, decompose, stacked, undistorted
+from mocap.cameras.camera import Camera, decompose, pinhole_lens, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
-from mocap.cameras.lens import BrownLens
 from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped
-from mocap.cameras.triangulate import linear, residual_px
+from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.findings import Finding
 
 LARGE_PX = 8.0
@@ -76,24 +75,23 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
     return found
 
 
-def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int = 3000) -> list[Finding]:
+def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     """Cameras that do not belong to the pixels.
 
     With three cameras or more, each is left out: where the rays of the others then meet four times as near, and clearly
-    nearer than without any other, it is that camera. Its picture may be flipped; that is tried.
+    nearer than without any other, it is that camera.
 
     Args:
         cameras: The C cameras.
         ideal_px: (C, T, M, 2) ideal pixels, in their convention.
-        most_points: Points to judge by.
     """
-    matrices, uv = stacked(cameras), _points(ideal_px, most_points)
+    matrices, uv = stacked(cameras), spread_points(ideal_px, 3000)  # so many points judge
     if len(cameras) < 2 or uv.shape[1] < 5:
         return []
-    whole = _median(matrices, uv)
+    whole = median_miss(matrices, uv)
     extent = float(np.nanmax(uv) - np.nanmin(uv))
     left = [
-        _median(np.delete(matrices, c, axis=0), np.delete(uv, c, axis=0)) if len(cameras) > 2 else np.inf
+        median_miss(np.delete(matrices, c, axis=0), np.delete(uv, c, axis=0)) if len(cameras) > 2 else np.inf
         for c in range(len(cameras))
     ]
     order = np.argsort(left)
@@ -102,22 +100,13 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
     clicked = MANY_SD * scatter if scatter else LARGE_PX  # careless clicks miss by no more
     if left[worst] * 4 < whole and left[worst] * 2 < left[int(order[1])] and whole > max(1.0, clicked):
         camera = cameras[worst]
-        numbers = {"with_px": whole, "without_px": left[worst]}
-        how = ""
-        for name, flip in _flips(camera, uv[worst]):
-            trial = uv.copy()
-            trial[worst] = flip
-            again = _median(matrices, trial)
-            if again * 4 < whole:
-                how, numbers = f"; {name} its pixels fit ({again:.2f} px)", {**numbers, "flipped_px": again}
-                break
         return [
             Finding(
-                kind="flipped camera" if how else "foreign camera",
+                kind="foreign camera",
                 alarm=True,
                 text=f"the calibration of camera {camera.name!r} does not fit its pixels: median triangulation "
-                f"residual {whole:.1f} px with this camera, {left[worst]:.2f} px without it{how}",
-                numbers=numbers,
+                f"residual {whole:.1f} px with this camera, {left[worst]:.2f} px without it",
+                numbers={"with_px": whole, "without_px": left[worst]},
                 cameras=(camera.name,),
             )
         ]
@@ -189,18 +178,6 @@ def _jitter(ideal_px: Array) -> float:
     return float(np.median(third)) / (0.6745 * np.sqrt(20.0)) if len(third) >= 30 else 0.0
 
 
-def _flips(camera: Camera, uv: Array) -> list[tuple[str, Array]]:
-    """Ways to flip the pixels of one camera, about its picture or else its principal point."""
-    centre = decompose(camera).intrinsic[:2, 2]
-    size = np.asarray(camera.size_px if camera.size_px is not None else 2 * centre, dtype=float)
-    down, across = uv.copy(), uv.copy()
-    down[..., 1] = size[1] - uv[..., 1]
-    across[..., 0] = size[0] - uv[..., 0]
-    both = down.copy()
-    both[..., 0] = across[..., 0]
-    return [("with rows counted from below", down), ("mirrored", across), ("turned by 180 degrees", both)]
-
-
 def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin) -> list[Finding]:
     """Whether the lens correction belongs applied once, not at all or twice; and distortion that no file states.
 
@@ -209,7 +186,7 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
         uv_px: (C, T, M, 2) pixels as in the file.
         decision: Where rows are counted from.
     """
-    matrices, uv = stacked(cameras), _points(uv_px, 2000)  # so many points judge
+    matrices, uv = stacked(cameras), spread_points(uv_px, 2000)  # so many points judge
     if len(cameras) < 2 or uv.shape[1] < 20:
         return []
     once = decision.ideal(cameras, uv)
@@ -220,9 +197,9 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
     twice = flipped(twice, decision.height_px) if decision.coefficients == "lower-left" else twice
     bare = [replace(c, lens=None) for c in cameras]
     tried = {
-        "not at all": _median(matrices, decision.ideal(bare, uv)),
-        "once": _median(matrices, once),
-        "twice": _median(matrices, twice),
+        "not at all": median_miss(matrices, decision.ideal(bare, uv)),
+        "once": median_miss(matrices, once),
+        "twice": median_miss(matrices, twice),
     }
     best = min(tried, key=lambda k: tried[k])
     rest = min(v for k, v in tried.items() if k != best)
@@ -254,15 +231,11 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
     """One radial coefficient k1 for all cameras, about their principal points, that lowers the residual."""
     from scipy.optimize import minimize_scalar
 
-    lenses = []
-    for c in cameras:
-        k = decompose(c).intrinsic
-        lenses.append(BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2])))
-    matrices = stacked(cameras)
+    lenses, matrices = [*map(pinhole_lens, cameras)], stacked(cameras)
 
     def miss(k1: float) -> float:
         bent = [replace(u, k=(k1, 0.0, 0.0)).undistort(p) for u, p in zip(lenses, uv, strict=True)]
-        return _median(matrices, np.stack(bent))
+        return median_miss(matrices, np.stack(bent))
 
     plain = miss(0.0)
     grid = np.linspace(-0.45, 0.45, 19)
@@ -284,15 +257,3 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
             numbers={"k1": float(best.x), "plain_px": plain, "with_k1_px": float(best.fun)},
         )
     ]
-
-
-def _points(uv_px: Array, most: int) -> Array:
-    """(C, K, 2) pixels of points that two cameras or more see, spread over the recording."""
-    uv = uv_px.reshape(len(uv_px), -1, 2)
-    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
-    return uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most)).astype(int)] if uv.shape[1] else uv
-
-
-def _median(matrices: Array, uv: Array) -> float:
-    miss = residual_px(matrices, uv, linear(matrices, uv))
-    return float(np.nanmedian(miss)) if np.isfinite(miss).any() else float("inf")

@@ -2,7 +2,7 @@
 
 import glob
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,16 +27,8 @@ _ANIMAL = re.compile(rf"(?!({_WHEN_OR_HOW})[-_ ]?[0-9])[a-z]+[-_ ]?[0-9]{{1,3}}[
 """Another word and a number, as ``bat07``; four digits are a year or a time."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Folder:
-    """The files of a folder by what they are; the kinds that belong to trials with their formats."""
-
-    tracks: Mapping[Path, str] = field(default_factory=dict)
-    views: tuple[Path, ...] = ()
-    calibration: Mapping[Path, str] = field(default_factory=dict)
-    profile: tuple[Path, ...] = ()
-    skeleton: tuple[Path, ...] = ()
-    unknown: Mapping[Path, str] = field(default_factory=dict)
+Files = Mapping[str, Mapping[Path, str]]
+"""The files of a folder by what they are (``mocap.batches.roles.Role``), with the names of their formats."""
 
 
 def find_trials(
@@ -65,7 +57,6 @@ def find_trials(
     """
     nothing = (None, [], Hints())
     stated = {key: value for key, value in (stated or {}).items() if value not in nothing}
-    hints = stated.get("hints") or Hints()
     found: list[Trial] = []
     for source in sources:
         path = Path(source)
@@ -73,11 +64,11 @@ def find_trials(
             found += [replace(trial, stated={**stated, **trial.stated}) for trial in read_manifest(path)]
         elif path.is_dir():
             above = path.resolve().parent if len(sources) > 1 else path
-            found += _in_folder(path, stated, hints, out, root=path, above=above)
+            found += _in_folder(path, stated, out, root=path, above=above)
         elif path.exists():
-            found += _of_files(path.parent, [path], stated, hints)
+            found += _of_files(path.parent, [path], stated)
         else:
-            found += _of_pattern(str(source), stated, hints, out)
+            found += _of_pattern(str(source), stated, out)
     if not found:
         where = ", ".join(map(str, sources)) or "nothing"
         raise MocapError(
@@ -88,32 +79,26 @@ def find_trials(
     return _named_apart(found)
 
 
-def _of_pattern(source: str, stated: Mapping[str, Any], hints: Hints, out: Path | None) -> list[Trial]:
+def _of_pattern(source: str, stated: Mapping[str, Any], out: Path | None) -> list[Trial]:
     """The trials of a pattern; its folder is the part before the first wildcard."""
     paths = sorted(map(Path, glob.glob(source, recursive=True)))
     if not paths:
         what = "no file or folder fits this pattern" if glob.has_magic(source) else "there is no such file or folder"
         raise MocapError(f"{source}: {what}: give a folder, a pattern in quotes ('data/**/*.c3d'), or a manifest.csv")
-    fixed = [part for part in Path(source).parts]
+    fixed = Path(source).parts
     root = Path(*fixed[: next(i for i, part in enumerate(fixed) if glob.has_magic(part))] or ["."])
     files = [path for path in paths if path.is_file()]
-    found = _of_files(root, files, stated, hints) if files else []
+    found = _of_files(root, files, stated) if files else []
     for folder in (path for path in paths if path.is_dir()):
-        found += _in_folder(folder, stated, hints, out, root=root)
+        found += _in_folder(folder, stated, out, root=root)
     return found
 
 
 def _in_folder(
-    folder: Path,
-    stated: Mapping[str, Any],
-    hints: Hints,
-    out: Path | None,
-    *,
-    root: Path,
-    above: Path | None = None,
+    folder: Path, stated: Mapping[str, Any], out: Path | None, *, root: Path, above: Path | None = None
 ) -> list[Trial]:
     files = list(_walk(folder, None if out is None else out.resolve()))
-    return _of_files(root, files, stated, hints, above=above)
+    return _of_files(root, files, stated, above=above)
 
 
 def _walk(folder: Path, out: Path | None) -> Iterator[Path]:
@@ -135,27 +120,26 @@ def _is_result(folder: Path) -> bool:
 
 
 def _of_files(
-    root: Path, files: Sequence[Path], stated: Mapping[str, Any], hints: Hints, *, above: Path | None = None
+    root: Path, files: Sequence[Path], stated: Mapping[str, Any], *, above: Path | None = None
 ) -> list[Trial]:
     """The trials among files below a root, which are named by the folders below ``above``; None: below the root."""
-    looked = _Looked(root=root, above=above or root, hints=hints)
+    looked = _Looked(root=root, above=above or root, stated=stated)
     by_folder: dict[Path, list[Path]] = {}
     for file in files:
         by_folder.setdefault(file.parent, []).append(file)
     found = []
     for folder, own in sorted(by_folder.items()):
         there = looked.at(folder)
-        tracks = [path for path in own if path in there.tracks]
-        for name, paths in _by_base(tracks, there.tracks).items():
-            raw = paths[0]
-            found.append(_trial(looked, folder, name, [raw], stated, cameras=are_pixels(raw, there.tracks[raw], hints)))
+        tracks = {path: there["tracks"][path] for path in own if path in there["tracks"]}
+        for name, (raw, *_) in _by_base(tracks).items():
+            found.append(_trial(looked, folder, name, [raw], cameras=are_pixels(raw, tracks[raw], looked.hints)))
         for path in own:
-            if path in there.unknown:
+            if path in there["unknown"]:
                 named = _trial_name(looked.folders(folder), path.stem)
-                found.append(Trial(name=named, paths=(path,), stated=stated, skip=there.unknown[path]))
-    for folder, views in _view_folders(looked, by_folder, stated).items():
-        for name, paths in _views(looked, folder, views, stated).items():
-            found.append(_trial(looked, folder, name, paths, stated, cameras=True))
+                found.append(Trial(name=named, paths=(path,), stated=stated, skip=there["unknown"][path]))
+    for folder, views in _view_folders(looked, by_folder).items():
+        for name, paths in _views(looked, folder, views).items():
+            found.append(_trial(looked, folder, name, paths, cameras=True))
     return _with_animals(found, [looked.folders(trial.paths[0].parent) for trial in found])
 
 
@@ -171,39 +155,37 @@ def _with_animals(trials: Sequence[Trial], folders: Sequence[Sequence[str]]) -> 
     return [replace(trial, animal=name) for trial, name in zip(trials, told, strict=True)]
 
 
-def _view_folders(
-    looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]], stated: Mapping[str, Any]
-) -> dict[Path, list[Path]]:
+def _view_folders(looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]]) -> dict[Path, list[Path]]:
     """The pixel files of one camera each by folder; those in folders that are called as cameras by the folder above."""
     found: dict[Path, list[Path]] = {}
     for folder, own in sorted(by_folder.items()):
-        views = [path for path in looked.at(folder).views if path in own]
+        views = [path for path in looked.at(folder)["view"] if path in own]
         if views:
-            above = folder.name in _cameras(looked, folder, stated)
+            above = folder.name in _cameras(looked, folder)
             found.setdefault(folder.parent if above else folder, []).extend(views)
     return found
 
 
-def _cameras(looked: "_Looked", folder: Path, stated: Mapping[str, Any]) -> tuple[str, ...]:
+def _cameras(looked: "_Looked", folder: Path) -> tuple[str, ...]:
     """Names of the cameras of the calibration that goes for a folder."""
-    calibration = stated.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
+    calibration = looked.stated.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
     return () if calibration is None else camera_names(Path(calibration))
 
 
-def _by_base(tracks: Sequence[Path], formats: Mapping[Path, str]) -> dict[str, list[Path]]:
+def _by_base(tracks: Mapping[Path, str]) -> dict[str, list[Path]]:
     """The files of each trial by its name, the rawest first."""
     groups: dict[str, list[Path]] = {}
     for path in tracks:
         groups.setdefault(base(path), []).append(path)
     order = {name: i for i, name in enumerate(TRACKS)}
     return {
-        name: sorted(paths, key=lambda path: (order.get(formats[path], 0), path.name)) for name, paths in groups.items()
+        name: sorted(paths, key=lambda path: (order.get(tracks[path], 0), path.name)) for name, paths in groups.items()
     }
 
 
-def _views(looked: "_Looked", folder: Path, views: Sequence[Path], stated: Mapping[str, Any]) -> dict[str, list[Path]]:
+def _views(looked: "_Looked", folder: Path, views: Sequence[Path]) -> dict[str, list[Path]]:
     """The pixel files of each trial that has one a camera."""
-    cameras = _cameras(looked, folder, stated)
+    cameras = _cameras(looked, folder)
     if len(views) in (1, len(cameras)):
         return {views[0].stem if len(views) == 1 else folder.name: list(views)}
     groups: dict[str, list[Path]] = {}
@@ -222,15 +204,11 @@ def _without_camera(stem: str, cameras: Sequence[str]) -> str:
     return re.sub(r"[-_. ]*cam(era)?[-_ ]?([0-9]+|[a-z](?![a-z]))", "", stem, flags=re.IGNORECASE).strip("-_. ")
 
 
-def _trial(
-    looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], stated: Mapping[str, Any], *, cameras: bool
-) -> Trial:
+def _trial(looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], *, cameras: bool) -> Trial:
     """A trial with what lies beside it; what is stated for all goes before."""
-    own, skip = dict(stated), ""
+    own, skip = dict(looked.stated), ""
     for kind in ("calibration", "profile", "skeleton") if cameras else ("skeleton",):
-        if kind in own:
-            continue
-        if kind == "profile" and "calibration" not in own:
+        if kind in own or (kind == "profile" and "calibration" not in own):
             continue
         path, trouble = looked.beside(folder, base(paths[0]), kind)
         if path is not None:
@@ -260,9 +238,7 @@ def _trial_name(folders: Sequence[str], name: str) -> str:
 
 def _named_apart(trials: Sequence[Trial]) -> list[Trial]:
     """Trials in the order of their names, no two of one name: those of one name get the end of their files' too."""
-    count: dict[str, int] = {}
-    for trial in trials:
-        count[trial.name.casefold()] = count.get(trial.name.casefold(), 0) + 1
+    count = Counter(trial.name.casefold() for trial in trials)
     found: dict[str, Trial] = {}
     for trial in trials:
         name = trial.name
@@ -283,16 +259,21 @@ class _Looked:
     Attributes:
         root: The highest of them.
         above: The folder below which folders are a part of trials' names.
-        hints: How files are to be read where they do not say so themselves.
+        stated: Arguments of ``mocap.read`` for every trial.
         seen: What each holds.
     """
 
     root: Path
     above: Path
-    hints: Hints
-    seen: dict[Path, _Folder] = field(default_factory=dict)
+    stated: Mapping[str, Any]
+    seen: dict[Path, Files] = field(default_factory=dict)
 
-    def at(self, folder: Path) -> _Folder:
+    @property
+    def hints(self) -> Hints:
+        """How files are to be read where they do not say so themselves."""
+        return self.stated.get("hints") or Hints()
+
+    def at(self, folder: Path) -> Files:
         """What a folder holds."""
         if folder not in self.seen:
             self.seen[folder] = _look(folder, self.hints)
@@ -311,9 +292,8 @@ class _Looked:
             places = [level] if level.is_dir() else []
             places += [path for path in sorted(level.iterdir()) if path.is_dir() and "calib" in path.name.lower()]
             for place in places:
-                candidates = getattr(self.at(place), kind)
-                if candidates:
-                    return _chosen(list(candidates), dict(candidates) if kind == "calibration" else {}, name, kind)
+                if candidates := self.at(place)[kind]:
+                    return _chosen(candidates, name, kind)
         return None, ""
 
     def _above(self, folder: Path) -> list[Path]:
@@ -326,43 +306,21 @@ class _Looked:
         return above
 
 
-def _look(folder: Path, hints: Hints) -> _Folder:
-    tracks: dict[Path, str] = {}
-    calibration: dict[Path, str] = {}
-    unknown: dict[Path, str] = {}
-    views, profile, skeleton = [], [], []
+def _look(folder: Path, hints: Hints) -> Files:
+    found: defaultdict[str, dict[Path, str]] = defaultdict(dict)
     for path in sorted(folder.iterdir()):
-        if not path.is_file() or path.name.startswith("."):
-            continue
-        what, name = role(path, hints)
-        if what == "tracks":
-            tracks[path] = name
-        elif what == "calibration":
-            calibration[path] = name
-        elif what == "unknown":
-            unknown[path] = name
-        elif what == "view":
-            views.append(path)
-        elif what == "profile":
-            profile.append(path)
-        elif what == "skeleton":
-            skeleton.append(path)
-    return _Folder(
-        tracks=tracks,
-        views=tuple(views),
-        calibration=calibration,
-        profile=tuple(profile),
-        skeleton=tuple(skeleton),
-        unknown=unknown,
-    )
+        if path.is_file() and not path.name.startswith("."):
+            what, name = role(path, hints)
+            found[what][path] = name
+    return found
 
 
-def _chosen(paths: Sequence[Path], formats: Mapping[Path, str], name: str, kind: str) -> tuple[Path | None, str]:
+def _chosen(formats: Mapping[Path, str], name: str, kind: str) -> tuple[Path | None, str]:
     """The one whose name begins the trial's, the longest; else the only one of the format that goes first."""
-    named = [path for path in paths if base(path) and name.casefold().startswith(base(path).casefold())]
+    named = [path for path in formats if base(path) and name.casefold().startswith(base(path).casefold())]
     longest = max((len(base(path)) for path in named), default=0)
-    paths = [path for path in named if len(base(path)) == longest] or list(paths)
-    if formats:
+    paths = [path for path in named if len(base(path)) == longest] or list(formats)
+    if kind == "calibration":
         first = min(CALIBRATIONS.index(formats[path]) for path in paths)
         paths = [path for path in paths if CALIBRATIONS.index(formats[path]) == first]
     if len(paths) == 1:

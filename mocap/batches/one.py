@@ -1,6 +1,7 @@
 """One trial of a batch: tracked as ``mocap track`` does, its result and how it went written into its folder."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
@@ -84,18 +85,11 @@ def _in_blocks(
         report = {name: value for name, value in report.items() if not name.startswith("seconds")}  # as _timeless
         (stage / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")
         share, total = report["samples"], report["samples"]["total"]
-        row = stated_of(trial) | {
-            "frames": int(report["frames"]),
-            "fps": _rounded(report["fps"]),
+        row = _common(trial, report, share["measured"]) | {
             "markers": len(report["markers"]),
-            "cameras": len(report["cameras"]),
-            "measured_percent": _rounded(100 * share["measured"]),
             "filled": round(total * share["smoothed"]),
             "extrapolated": round(total * share["predicted"]),
             "rejected": round(total * share["rejected"]),
-            "model": str(report["model"]["name"]),
-            "warnings": len(report["wrong"]),
-            "warning": " | ".join(" ".join(text.split()) for text in report["wrong"]),
         }
         record = Record(trial=trial.name, status="done", row=row, key=key)
         write_record(record, stage)
@@ -133,30 +127,34 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     one; ``residual_px`` is the median triangulation residual; ``rmse_mm`` and ``coverage95`` are of samples hidden
     from the recording and filled again: root mean square error, and the percentage inside 95 % intervals.
     """
-    report, markers = tracked.report, tracked.tracks
+    report: Any = tracked.report
+    markers, validation = tracked.tracks, report["validation"]
     missing = gaps((markers.status == Status.MEASURED)[None])
-    model = report["model"]["name"]  # type: ignore[index]
-    methods = report["validation"]["methods"]  # type: ignore[index]
-    score = methods.get(model) or methods.get("mixture") or {}
-    alarms: list[str] = report["wrong"]  # type: ignore[assignment]
-    return stated_of(trial) | {
-        "frames": int(report["frames"]),  # type: ignore[call-overload]
-        "fps": _rounded(report["fps"]),
+    score = validation["methods"].get(report["model"]["name"]) or validation["methods"].get("mixture") or {}
+    return _common(trial, report, float(np.mean(markers.status == Status.MEASURED))) | {
         "markers": len(markers.names),
-        "cameras": len(report["cameras"]),  # type: ignore[arg-type]
-        "measured_percent": _rounded(100 * float(np.mean(markers.status == Status.MEASURED))),
         "gaps": int(missing["count"]),
         "longest_gap_frames": int(missing["longest_frames"]),
-        "filled": int(report["filled"]),  # type: ignore[call-overload]
-        "extrapolated": int(report["extrapolated"]),  # type: ignore[call-overload]
+        "filled": int(report["filled"]),
+        "extrapolated": int(report["extrapolated"]),
         "rejected": int((markers.status == Status.REJECTED).sum()),
-        "residual_px": _rounded(report["residual_px"]["50%"]),  # type: ignore[index]
-        "model": str(model),
-        "hidden_samples": int(report["validation"]["hidden_samples"]),  # type: ignore[index]
+        "residual_px": _rounded(report["residual_px"]["50%"]),
+        "hidden_samples": int(validation["hidden_samples"]),
         "rmse_mm": _rounded(score.get("rmse_mm")),
         "coverage95": _rounded(score.get("coverage95")),
-        "warnings": len(alarms),
-        "warning": " | ".join(" ".join(str(text).split()) for text in alarms),
+    }
+
+
+def _common(trial: Trial, report: Mapping[str, Any], measured: float) -> dict[str, object]:
+    """What rows of all recordings hold, of which that share was measured."""
+    return stated_of(trial) | {
+        "frames": int(report["frames"]),
+        "fps": _rounded(report["fps"]),
+        "cameras": len(report["cameras"]),
+        "measured_percent": _rounded(100 * measured),
+        "model": str(report["model"]["name"]),
+        "warnings": len(report["wrong"]),
+        "warning": " | ".join(" ".join(str(text).split()) for text in report["wrong"]),
     }
 
 

@@ -1,5 +1,6 @@
 """A batch: find the trials, track what is missing, sum up."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -394,12 +395,12 @@ def shard_of(text: str | None) -> tuple[int, int]:
     """
     if text is None:
         return 1, 1
-    part, slash, parts = text.partition("/")
-    if not (slash and part.strip().isdecimal() and parts.strip().isdecimal() and 1 <= int(part) <= int(parts)):
+    found = re.fullmatch(r"\s*(\d+)\s*/\s*(\d+)\s*", text)
+    if not found or not 1 <= int(found[1]) <= int(found[2]):
         raise MocapError(
             f"`shard` {text}: expected i/n with i from 1 to n, as 3/100 (of an array of jobs: #SBATCH --array=1-100)"
         )
-    return int(part), int(parts)
+    return int(found[1]), int(found[2])
 
 
 def _several(sources: PathText | Sequence[PathText]) -> list[str | Path]:

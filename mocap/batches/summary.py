@@ -67,8 +67,11 @@ SHOWN = {
 
 def table(records: Sequence[Record]) -> pd.DataFrame:
     """The records as a table, a row a trial, with the columns of ``summary.csv``."""
-    rows = [{"trial": r.trial, "status": r.status, "error": r.error, **r.row} for r in records]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return pd.DataFrame(_rows(records), columns=list(COLUMNS))
+
+
+def _rows(records: Sequence[Record]) -> list[dict[str, object]]:
+    return [{"trial": r.trial, "status": r.status, "error": r.error, **r.row} for r in records]
 
 
 def write_summary(records: Sequence[Record], out: Path) -> None:
@@ -84,9 +87,7 @@ def write_summary(records: Sequence[Record], out: Path) -> None:
         with file.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(COLUMNS)
-            for record in records:
-                row = {"trial": record.trial, "status": record.status, "error": record.error, **record.row}
-                writer.writerow([_cell(row.get(column)) for column in COLUMNS])
+            writer.writerows([_cell(row.get(column)) for column in COLUMNS] for row in _rows(records))
         file.with_name(PAGE).write_text(page(records, read_times(out)), encoding="utf-8")
         for name in (CYCLES, ANGLES):
             _write_together(name, records, out, file.with_name(name))
@@ -155,7 +156,7 @@ def write_times(seconds: Mapping[str, float], path: Path) -> None:
 def page(records: Sequence[Record], seconds: Mapping[str, float]) -> str:
     """The page: what came of it in a line, then a row a trial, sorted by a click on a title."""
     titles = "".join(f"<th>{escape(title)}</th>" for title in SHOWN.values())
-    rows = "\n".join(_row(record, seconds) for record in records)
+    rows = "\n".join(_row(record, seconds.get(record.trial)) for record in records)
     template = files("mocap.batches").joinpath("page.html").read_text(encoding="utf-8")
     filled = {"COUNTS": escape(counted(records)), "SUMMED": escape(summed(records)), "TITLES": titles, "ROWS": rows}
     for name, text in filled.items():
@@ -198,17 +199,16 @@ def summed(records: Sequence[Record]) -> str:
         values = [float(str(row[name])) for row in rows if row.get(name) is not None]
         if values:
             found.append(f"median {text.format(np.median(values))}")
-    hidden = np.array([float(str(r["hidden_samples"])) for r in rows if r.get("coverage95") is not None])
-    inside = np.array([float(str(r["coverage95"])) for r in rows if r.get("coverage95") is not None])
-    if hidden.sum():
+    known = [(r["hidden_samples"], r["coverage95"]) for r in rows if r.get("coverage95") is not None]
+    hidden, inside = np.array(known, dtype=float).reshape(-1, 2).T
+    if hidden.sum() > 0:
         share = (hidden * inside).sum() / hidden.sum()
         found.append(f"{share:.1f} % of {hidden.sum():.0f} hidden samples inside 95 % intervals")
     return "; ".join(found)
 
 
-def _row(record: Record, seconds: Mapping[str, float]) -> str:
-    values: dict[str, object] = {**record.row, "status": record.status, "error": record.error}
-    values["seconds"] = None if (time := seconds.get(record.trial)) is None else f"{time:.1f}"
+def _row(record: Record, seconds: float | None) -> str:
+    values = {**_rows([record])[0], "seconds": None if seconds is None else f"{seconds:.1f}"}
     cells = [f"<td>{_link(record)}</td>"]
     for name in list(SHOWN)[1:]:
         value = values.get(name)
@@ -231,5 +231,4 @@ def _link(record: Record) -> str:
 
 def as_json(records: Sequence[Record]) -> str:
     """The records for programs."""
-    rows = [{"trial": r.trial, "status": r.status, "error": r.error, **r.row} for r in records]
-    return json.dumps(rows)
+    return json.dumps(_rows(records))

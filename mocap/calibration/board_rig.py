@@ -11,7 +11,7 @@ from mocap.calibration.bundle import adjust
 from mocap.calibration.chain import chained, rigid
 from mocap.calibration.detect import BoardViews
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, lens_trouble, place, without_ray
-from mocap.calibration.rig import RigCamera, in_world
+from mocap.calibration.rig import RigCamera, in_world, turned_rad
 from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
 from mocap.cameras.lens import Lens
 from mocap.errors import CalibrationError
@@ -147,7 +147,7 @@ def _apart(a: Array, b: Array, turn: Array | None, view: Array) -> tuple[float, 
     """How two places of a board differ (radians, or share of its distance), and whether they agree better turned."""
     off = []
     for other in [b] if turn is None else [b, b @ turn]:
-        angle = np.arccos(np.clip((np.trace(a[:3, :3].T @ other[:3, :3]) - 1) / 2, -1, 1))
+        angle = turned_rad(a[:3, :3].T @ other[:3, :3])
         off.append(max(float(angle), float(np.linalg.norm(a[:3, 3] - other[:3, 3]) / np.linalg.norm(view[:3, 3]))))
     return min(off), int(np.argmin(off)) == 1
 

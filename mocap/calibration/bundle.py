@@ -77,7 +77,7 @@ class _Problem:
         n_cameras = self.n_cameras = len(scene.cameras)
         self.coefficients = [np.flatnonzero(c) for c in free.coefficients or [()] * n_cameras]
         self.n_focal = {"none": 0, "one": 1, "two": 2}[free.focal]
-        self.pose = [6 if free.poses and i != free.held else 0 for i in range(n_cameras)]
+        self.pose = [6 if i != free.held else 0 for i in range(n_cameras)]
         lens = [self.n_focal + 2 * free.centre + len(c) for c in self.coefficients]
         self.start = self.n_bodies * self.body_size + np.cumsum([0, *np.add(self.pose, lens)])
         self.mine = [np.flatnonzero(sightings.camera == i) for i in range(n_cameras)]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
+from mocap.calibration.rig import turned_rad
 from mocap.errors import CalibrationError
 
 _TELLING = 4
@@ -61,7 +62,7 @@ def pair_of(seen: Seen, first: int, second: int, turn: Array | None) -> Pair | N
     best, fewest = None, (-1, np.inf)
     for candidate in stands.reshape(-1, 4, 4):
         off = np.maximum(
-            _angle(stands[..., :3, :3] @ candidate[:3, :3].T),
+            turned_rad(stands[..., :3, :3] @ candidate[:3, :3].T),
             np.linalg.norm(stands[..., :3, 3] - candidate[:3, 3], axis=-1) / distance[:, None],
         )
         agree = off.min(axis=1) < 0.1
@@ -101,7 +102,3 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
             )
         found[-j] = pairs[-i, -j].T_second_from_first @ found[-i]
     return [found[i] for i in range(n)]
-
-
-def _angle(rotation: Array) -> Array:
-    return np.arccos(np.clip((np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2, -1, 1))

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, decompose, project, stacked
+from mocap.cameras.camera import Camera, pinhole_lens, project, stacked
 from mocap.cameras.lens import BrownLens
-from mocap.cameras.triangulate import linear, residual_px
+from mocap.cameras.triangulate import linear, misses
 from mocap.errors import CalibrationError
 
 BLOCKS = 8
@@ -63,7 +63,8 @@ class TrackLens:
 def moved_by_lens(cameras: Sequence[Camera], uv_px: Array, k1: float) -> Array:
     """(T, M, 3) by how much points lie elsewhere when pixels (C, T, M, 2) are straightened with k1; NaN if not seen."""
     matrices = stacked(cameras)
-    return linear(matrices, _straight(_bare(cameras), uv_px, np.full(len(cameras), k1))) - linear(matrices, uv_px)
+    straight = _straight([*map(pinhole_lens, cameras)], uv_px, np.full(len(cameras), k1))
+    return linear(matrices, straight) - linear(matrices, uv_px)
 
 
 def lens_covariance(cameras: Sequence[Camera], found: TrackLens, uv_px: Array) -> Array:
@@ -80,7 +81,7 @@ def lens_covariance(cameras: Sequence[Camera], found: TrackLens, uv_px: Array) -
     return out
 
 
-def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int = 1200, each: bool = True) -> TrackLens:
+def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True) -> TrackLens:
     """Fit k1 so that rays meet, the cameras' coefficients held; one number, or one each where that predicts better.
 
     Least squares with Cauchy's loss on the residuals of triangulation (points are eliminated: each is triangulated anew
@@ -93,36 +94,35 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
     Args:
         cameras: The C cameras, without lenses.
         uv_px: (C, T, M, 2) pixels in the convention of the coefficients; NaN where not seen.
-        most_points: Points to use, spread over the recording.
         each: Whether cameras may have a number each; else one is fitted for all.
 
     Raises:
         CalibrationError: too few points, or the recording does not determine the lens.
     """
-    lenses = _bare(cameras)
+    lenses = [*map(pinhole_lens, cameras)]
     uv = uv_px.reshape(len(uv_px), -1, 2)
     uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
     if uv.shape[1] < _LEAST:
         raise CalibrationError(
             f"`fit_lens`: {uv.shape[1]} points are seen by two cameras, and {_LEAST} are needed: give the profile"
         )
-    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)]
+    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 1200)).astype(int)]
     matrices, n = stacked([Camera(name=c.name, matrix=c.matrix) for c in cameras]), len(cameras)
     block = np.arange(uv.shape[1]) * BLOCKS // uv.shape[1]
     kept = [uv[:, block != b] for b in range(BLOCKS)]
     left = [uv[:, block == b] for b in range(BLOCKS)]
-    before = _median([_misses(matrices, u) for u in left])
+    before = _median([misses(matrices, u) for u in left])
 
     def by_stretches(whole: Array) -> tuple[float, Array]:
         """The residual of stretches left out, and (BLOCKS, C) coefficients without each."""
         parts = [_fitted(lenses, matrices, u, whole) for u in kept]
-        held = [_misses(matrices, _straight(lenses, u, _each(k, n))) for k, u in zip(parts, left, strict=True)]
+        held = [misses(matrices, _straight(lenses, u, _each(k, n))) for k, u in zip(parts, left, strict=True)]
         return _median(held), np.stack([_each(k, n) for k in parts])
 
     best = _fitted(lenses, matrices, uv, np.zeros(1))
     after, parts = by_stretches(best)
     own = _fitted(lenses, matrices, uv, np.repeat(best, n)) if each and n > 1 else None
-    if own is not None and _median([_misses(matrices, _straight(lenses, uv, own))]) < _OWN * after:
+    if own is not None and _median([misses(matrices, _straight(lenses, uv, own))]) < _OWN * after:
         after_own, parts_own = by_stretches(own)
         if after_own < _OWN * after:
             after, best, parts = after_own, own, parts_own
@@ -146,12 +146,6 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
     return TrackLens(lenses=tuple(lenses), k1=k1, cov=cov, before_px=before, after_px=after, by_camera=len(best) > 1)
 
 
-def _bare(cameras: Sequence[Camera]) -> list[BrownLens]:
-    """Lenses without distortion, with the pinholes of the coefficients."""
-    intrinsics = [decompose(camera).intrinsic for camera in cameras]
-    return [BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2])) for k in intrinsics]
-
-
 def _each(k: Array, n: int) -> Array:
     return np.broadcast_to(k, (n,)) if len(k) == 1 else k
 
@@ -168,7 +162,7 @@ def _straight(lenses: Sequence[BrownLens], uv: Array, k1: Array) -> Array:
 
 def _fitted(lenses: Sequence[BrownLens], matrices: Array, uv: Array, start: Array) -> Array:
     n = len(lenses)
-    sd = max(_median([_misses(matrices, _straight(lenses, uv, _each(start, n)))]), 1e-3)
+    sd = max(_median([misses(matrices, _straight(lenses, uv, _each(start, n)))]), 1e-3)
     seen = np.isfinite(uv[..., 0])
 
     def residual(k: Array) -> Array:
@@ -181,11 +175,6 @@ def _fitted(lenses: Sequence[BrownLens], matrices: Array, uv: Array, start: Arra
     return least_squares(
         residual, start, loss="cauchy", diff_step=1e-4, x_scale=0.1, xtol=1e-4, ftol=1e-6, max_nfev=20
     ).x
-
-
-def _misses(matrices: Array, uv: Array) -> Array:
-    miss = residual_px(matrices, uv, linear(matrices, uv))
-    return miss[np.isfinite(miss)]
 
 
 def _median(parts: Sequence[Array]) -> float:

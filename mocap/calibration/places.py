@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from eal.arrays import Array
 from mocap.calibration.distinct import distinct
-from mocap.calibration.rig import RigCamera, turn
+from mocap.calibration.rig import RigCamera, turn, turned_rad
 from mocap.cameras.known_lens import KnownLens
 from mocap.errors import CalibrationError
 
@@ -197,7 +197,8 @@ def _best(known: KnownLens, xyz: Array, uv: Array) -> _Fit:
     minima.sort(key=lambda m: m[0])
     cost, camera, error, slopes = minima[0]
     noise = max(cost / max(2 * len(xyz) - 6, 1), 1e-6)
-    apart = [c for v, c, _, _ in minima[1:] if v - cost < 9 * noise and _angle(c, camera) > 0.05]
+    alike = [c for v, c, _, _ in minima[1:] if v - cost < 9 * noise]
+    apart = [c for c in alike if turned_rad(c.rotation.T @ camera.rotation) > 0.05]
     return _Fit(camera=camera, error_px=error, slopes=slopes, other=apart[0] if apart else None)
 
 
@@ -304,10 +305,6 @@ def _misfit(known: KnownLens, xyz: Array, uv: Array, rms_px: float, odd: Sequenc
     if odd:
         start += f"; {', '.join(odd)} agree least with the others"
     return f"{start}: check that both files list the same points, their unit, and that the lens is this camera's"
-
-
-def _angle(a: RigCamera, b: RigCamera) -> float:
-    return float(np.arccos(np.clip((np.trace(a.rotation.T @ b.rotation) - 1) / 2, -1, 1)))
 
 
 def _rms(error: Array) -> float:

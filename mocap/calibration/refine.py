@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust
 from mocap.calibration.distinct import CLICK_PX, distinct
-from mocap.calibration.rig import in_world, rig_camera, similarity
-from mocap.calibration.scene import Free, Lengths, Scene, Sightings
+from mocap.calibration.rig import in_world, rig_camera, similarity, turned_rad
+from mocap.calibration.scene import Free, Lengths, point_scene
 from mocap.cameras.camera import Camera, stacked
-from mocap.cameras.triangulate import linear, residual_px, robust
+from mocap.cameras.triangulate import linear, misses, robust
 from mocap.errors import CalibrationError
 
 FEWEST_POINTS = 30
@@ -113,14 +113,13 @@ def refine_cameras(
             f"cameras and {np.median(before):.3f} px with the present ones: keep the present calibration"
         )
     old, new = ([rig_camera(replace(c, lens=None)) for c in rig] for rig in (cameras, refined))
-    turned = [np.trace(a.rotation.T @ b.rotation) for a, b in zip(old, new, strict=True)]
     xyz = linear(stacked(refined), ideal[:, keep])
     return Refined(
         cameras=refined,
         before_px=float(np.median(before)),
         after_px=float(np.median(after)),
         moved_m=np.array([np.linalg.norm(a.position_m - b.position_m) for a, b in zip(old, new, strict=True)]),
-        turned_rad=np.arccos(np.clip((np.array(turned) - 1) / 2, -1, 1)),
+        turned_rad=np.array([turned_rad(a.rotation.T @ b.rotation) for a, b in zip(old, new, strict=True)]),
         f_ratio=np.array([b.lens.f_px[0] / a.lens.f_px[0] for a, b in zip(old, new, strict=True)]),
         length_ratio=np.array([_length(xyz, b)[0] / w[0] for b, w in zip(bones, lengths, strict=True)]),
         points=int(np.isfinite(xyz[..., 0]).sum()),
@@ -140,8 +139,7 @@ def _length(xyz_m: Array, bone: Bone) -> tuple[float, float]:
 
 def _misses(cameras: Sequence[Camera], ideal: Array) -> Array:
     matrices = stacked([replace(c, lens=None) for c in cameras])
-    miss = residual_px(matrices, ideal, linear(matrices, ideal))
-    return miss[np.isfinite(miss)]
+    return misses(matrices, ideal)
 
 
 def _solve(
@@ -153,15 +151,9 @@ def _solve(
     focal: bool,
 ) -> tuple[Camera, ...]:
     known = np.isfinite(xyz_m[..., 0])
-    number = np.full(known.shape, -1)
-    number[known] = np.arange(known.sum())
-    camera, frame, marker = np.nonzero(np.isfinite(ideal[..., 0]) & known)
-    sightings = Sightings(
-        camera=camera,
-        body=number[frame, marker],
-        local_m=np.zeros((len(camera), 3)),
-        uv_px=ideal[camera, frame, marker],
-    )
+    rig = [rig_camera(replace(c, lens=None)) for c in cameras]
+    scene, sightings, number = point_scene(rig, xyz_m.reshape(-1, 3), ideal.reshape(len(ideal), -1, 2), known.ravel())
+    number = number.reshape(known.shape)
     both = [np.flatnonzero(known[:, b.first] & known[:, b.second]) for b in bones]
     empty = [np.zeros(0, int)]
     fixed = Lengths(
@@ -169,11 +161,6 @@ def _solve(
         second=np.concatenate([number[t, b.second] for b, t in zip(bones, both, strict=True)] or empty),
         length_m=np.concatenate([np.full(len(t), w) for t, (w, _) in zip(both, lengths, strict=True)] or [np.zeros(0)]),
         sd_m=np.concatenate([np.full(len(t), s) for t, (_, s) in zip(both, lengths, strict=True)] or [np.ones(0)]),
-    )
-    scene = Scene(
-        cameras=tuple(rig_camera(replace(c, lens=None)) for c in cameras),
-        rotation=np.broadcast_to(np.eye(3), (int(known.sum()), 3, 3)),
-        position_m=xyz_m[known],
     )
     free = Free(focal="one" if focal else "none", centre=False)
     adjusted = adjust(scene, sightings, free=free, lengths=fixed)

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array, frozen
-from mocap.cameras.camera import Camera, decompose
-from mocap.cameras.lens import BrownLens, FisheyeLens, Lens
+from mocap.cameras.camera import Camera, decompose, pinhole_lens
+from mocap.cameras.lens import FisheyeLens, Lens
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,8 +46,7 @@ class RigCamera:
         intrinsic = self.lens.intrinsic
         intrinsic[0, 1] = self.shear * intrinsic[0, 0]
         matrix = intrinsic @ np.column_stack([self.rotation, self.translation_m])
-        lens = None if self.lens.is_identity else self.lens
-        return Camera(name=self.name, matrix=matrix, lens=lens, size_px=self.size_px)
+        return Camera(name=self.name, matrix=matrix, lens=self.lens.if_bent, size_px=self.size_px)
 
     def record(self, xyz_m: Array) -> Array:
         """Pixels (..., 2) that it records of world points (..., 3)."""
@@ -68,19 +67,16 @@ def rig_camera(camera: Camera) -> RigCamera:
     """
     parts = decompose(camera)
     intrinsic = parts.intrinsic
-    f, centre = (intrinsic[0, 0], intrinsic[1, 1]), (intrinsic[0, 2], intrinsic[1, 2])
     lens = camera.lens
-    if lens is not None:
-        if not np.allclose(lens.intrinsic, intrinsic, rtol=1e-6, atol=1e-3):
-            raise ValueError(
-                f"camera {camera.name!r}: the focal length or principal point of its coefficients (f {f[0]:.1f} px) "
-                f"differs from that of its lens (f {lens.f_px[0]:.1f} px): undistort the pixels and give the camera "
-                "without its lens"
-            )
-        f, centre = lens.f_px, lens.centre_px
+    if lens is not None and not np.allclose(lens.intrinsic, intrinsic, rtol=1e-6, atol=1e-3):
+        raise ValueError(
+            f"camera {camera.name!r}: the focal length or principal point of its coefficients (f "
+            f"{intrinsic[0, 0]:.1f} px) differs from that of its lens (f {lens.f_px[0]:.1f} px): undistort the pixels "
+            "and give the camera without its lens"
+        )
     return RigCamera(
         name=camera.name,
-        lens=BrownLens(f_px=f, centre_px=centre) if lens is None else lens,
+        lens=rig_lens(camera),
         rotation=parts.rotation,
         translation_m=parts.translation_m,
         size_px=camera.size_px,
@@ -90,10 +86,7 @@ def rig_camera(camera: Camera) -> RigCamera:
 
 def rig_lens(camera: Camera) -> Lens:
     """The lens of a camera; of one that bends nothing, an identity with the camera's pinhole."""
-    if camera.lens is not None:
-        return camera.lens
-    k = decompose(camera).intrinsic
-    return BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2]))
+    return pinhole_lens(camera) if camera.lens is None else camera.lens
 
 
 def upside_down(camera: RigCamera, height_px: float) -> RigCamera:
@@ -115,6 +108,11 @@ def turn(vector: Array) -> Array:
     """(..., 3, 3) rotations by rotation vectors (..., 3)."""
     flat = np.array(vector, dtype=float).reshape(-1, 3)  # a copy: SciPy before 1.17 turns by no read-only arrays
     return Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(vector)[:-1], 3, 3)
+
+
+def turned_rad(rotation: Array) -> Array:
+    """(...) angles by which rotations (..., 3, 3) turn."""
+    return np.arccos(np.clip((np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2, -1, 1))
 
 
 def in_world(cameras: Sequence[RigCamera], T_to_from: Array) -> tuple[RigCamera, ...]:

@@ -1,5 +1,6 @@
 """Unknowns, observations and results of bundle adjustment."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +70,26 @@ class Scene:
     position_m: Array
 
 
+def point_scene(
+    cameras: Sequence[RigCamera], points_m: Array, uv_px: Array, keep: NDArray[np.bool_]
+) -> tuple[Scene, Sightings, NDArray[np.int64]]:
+    """Points that are bodies without orientation, where cameras saw them, and (P,) the number of each body.
+
+    Args:
+        cameras: The C cameras.
+        points_m: (P, 3) where to start.
+        uv_px: (C, P, 2) recorded pixels; NaN where not seen.
+        keep: (P,) points that are used.
+    """
+    number = np.cumsum(keep) - 1
+    camera, point = np.nonzero(np.isfinite(uv_px).all(axis=-1) & keep)
+    sightings = Sightings(
+        camera=camera, body=number[point], local_m=np.zeros((len(camera), 3)), uv_px=uv_px[camera, point]
+    )
+    turns = np.broadcast_to(np.eye(3), (int(keep.sum()), 3, 3))
+    return Scene(cameras=tuple(cameras), rotation=turns, position_m=points_m[keep]), sightings, number
+
+
 @dataclass(frozen=True, kw_only=True)
 class Free:
     """What may move.
@@ -79,7 +100,6 @@ class Free:
         coefficients: For each camera which distortion coefficients move, in OpenCV's order; empty: none of any.
         orientation: Whether bodies turn (boards) or not (points).
         held: Camera whose pose is held, which fixes the world frame; None: no camera is.
-        poses: Whether the other cameras move at all.
     """
 
     focal: str = "two"
@@ -87,7 +107,6 @@ class Free:
     coefficients: tuple[tuple[bool, ...], ...] = ()
     orientation: bool = False
     held: int | None = 0
-    poses: bool = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

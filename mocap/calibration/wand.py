@@ -12,7 +12,7 @@ from mocap.calibration.chain import rigid
 from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.first_look import first_stands
 from mocap.calibration.rig import RigCamera, in_world
-from mocap.calibration.scene import Adjusted, Free, Lengths, Scene, Sightings
+from mocap.calibration.scene import Adjusted, Free, Lengths, Scene, Sightings, point_scene
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.lens import Lens
 from mocap.cameras.triangulate import linear
@@ -178,11 +178,7 @@ def _solve(
     free: Free,
 ) -> tuple[Adjusted, Sightings]:
     """Bundle adjustment of the points kept, in the frame that ``WandCalibration`` states."""
-    number = np.cumsum(keep) - 1
-    camera, point = np.nonzero(np.isfinite(points_px).all(axis=-1) & keep)
-    sightings = Sightings(
-        camera=camera, body=number[point], local_m=np.zeros((len(camera), 3)), uv_px=points_px[camera, point]
-    )
+    scene, sightings, number = point_scene(start, points_m, points_px, keep)
     both = np.flatnonzero(keep[:wands] & keep[wands : 2 * wands])
     known = Lengths(
         first=number[both],
@@ -190,8 +186,6 @@ def _solve(
         length_m=np.full(len(both), length_m),
         sd_m=np.full(len(both), sd_m),
     )
-    turns = np.broadcast_to(np.eye(3), (int(keep.sum()), 3, 3))
-    scene = Scene(cameras=start, rotation=turns, position_m=points_m[keep])
     adjusted = adjust(scene, sightings, free=free, lengths=known)
     first = adjusted.scene.cameras[0]
     middle = np.median(adjusted.scene.position_m[: 2 * len(both)], axis=0)

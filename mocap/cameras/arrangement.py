@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, decompose, stacked, undistorted
+from mocap.cameras.camera import Camera, picture_size, stacked, undistorted
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 
@@ -91,9 +91,7 @@ class _Change:
         return set(self.kinds) <= {""} and list(self.order) == sorted(self.order)
 
 
-def find_arrangement(
-    cameras: Sequence[Camera], uv_px: Array, *, height_px: float | None = None, most_points: int = 250
-) -> Arrangement | None:
+def find_arrangement(cameras: Sequence[Camera], uv_px: Array, *, height_px: float | None = None) -> Arrangement | None:
     """The change of pixels that makes rays meet, where they do not meet as they are.
 
     For up to six cameras every combination of mirrored axes (u, v, both), every set of cameras shifted by the height or
@@ -105,15 +103,13 @@ def find_arrangement(
         cameras: The C cameras, lenses from the upper left.
         uv_px: (C, T, M, 2) or (C, K, 2) pixels as in the file.
         height_px: Image height, if stated.
-        most_points: Points to judge by, spread over the recording.
 
     Returns:
         The change, or None: rays meet as they are, or no change makes them meet.
     """
     flat = uv_px.reshape(len(uv_px), -1, 2)
     parts = [
-        _Part.of([cameras[c] for c in group], flat[group], height_px, most_points)
-        for group in groups(np.isfinite(flat[..., 0]))
+        _Part.of([cameras[c] for c in group], flat[group], height_px) for group in groups(np.isfinite(flat[..., 0]))
     ]
     parts = [part for part in parts if part.uv.shape[1] >= FEWEST_SHARED]
     if not parts:
@@ -174,14 +170,14 @@ class _Part:
     sizes: Array
 
     @classmethod
-    def of(cls, cameras: Sequence[Camera], uv: Array, height_px: float | None, most_points: int) -> "_Part":
-        """Of (C, K, 2) pixels, at most so many of their points."""
+    def of(cls, cameras: Sequence[Camera], uv: Array, height_px: float | None) -> "_Part":
+        """Of (C, K, 2) pixels, at most 250 of their points, spread over the recording."""
         seen = np.isfinite(uv[..., 0])
         count = seen.sum(axis=0)
         many = count >= min(3, len(cameras))
         lonely = (seen & many).sum(axis=1) < FEWEST_SHARED
         uv = uv[:, many | ((count >= 2) & seen[lonely].any(axis=0))]
-        some = np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)
+        some = np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 250)).astype(int)
         return cls(tuple(cameras), uv[:, some], _sizes(cameras, height_px))
 
     @cached_property
@@ -262,8 +258,7 @@ def _toggled(kind: str) -> str:
 
 def _sizes(cameras: Sequence[Camera], height_px: float | None) -> Array:
     """(C, 2) picture widths and heights: stated, or twice the principal point."""
-    centres = np.array([decompose(c).intrinsic[:2, 2] for c in cameras])
-    sizes = np.array([c.size_px or 2 * centre for c, centre in zip(cameras, centres, strict=True)], dtype=float)
+    sizes = np.array([picture_size(camera) for camera in cameras])
     if height_px is not None:
         sizes[:, 1] = height_px
     return sizes

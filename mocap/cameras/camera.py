@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from eal.arrays import Array, frozen
-from mocap.cameras.lens import Lens
+from mocap.cameras.lens import BrownLens, Lens
 from mocap.errors import CalibrationError
 
 FLATTEST = 1e-10
@@ -120,6 +120,17 @@ def decompose(camera: Camera) -> Pinhole:
         translation_m=translation,
         mirrored=bool(np.linalg.det(rotation) < 0),
     )
+
+
+def pinhole_lens(camera: Camera) -> BrownLens:
+    """A lens that bends nothing, with the focal lengths and the principal point of a camera's projection."""
+    k = decompose(camera).intrinsic
+    return BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2]))
+
+
+def picture_size(camera: Camera) -> Array:
+    """(2,) width and height of a camera's picture; where not known twice the principal point."""
+    return np.array(camera.size_px or 2 * decompose(camera).intrinsic[:2, 2], dtype=float)
 
 
 def check_cameras(cameras: Sequence[Camera], where: str) -> None:

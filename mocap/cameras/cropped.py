@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, decompose
+from mocap.cameras.camera import Camera, picture_size
 
 SMALL = 0.75
 """Pixels that span less than this share of the calibrated pictures, in all cameras, may be of cropped ones."""
@@ -44,7 +44,7 @@ def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:
     if not np.isfinite(uv).any():
         return None
     reach = np.nanmax(uv.reshape(-1, 2), axis=0)
-    sizes = np.array([_size(camera) for camera in cameras])
+    sizes = np.array([picture_size(camera) for camera in cameras])
     if (reach > SMALL * sizes.min(axis=0)).any():
         return None
     width, height = (f"{value:.0f}" for value in np.median(sizes, axis=0))
@@ -52,11 +52,3 @@ def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:
         f"pixels span {np.ceil(reach[0]):.0f} x {np.ceil(reach[1]):.0f}, the calibration {width} x {height}: cropped? "
         "give `crop`"
     )
-
-
-def _size(camera: Camera) -> tuple[float, float]:
-    """Width and height of the picture; where not known twice the principal point."""
-    if camera.size_px is not None:
-        return camera.size_px
-    centre = 2 * decompose(camera).intrinsic[:2, 2]
-    return float(centre[0]), float(centre[1])

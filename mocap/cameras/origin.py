@@ -16,7 +16,7 @@ from eal.arrays import Array
 from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by_camera, find_arrangement
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
-from mocap.cameras.triangulate import linear, residual_px
+from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.errors import CalibrationError
 
 PixelCorner = Literal["upper-left", "lower-left"]
@@ -168,10 +168,7 @@ def decide_origin(
         CalibrationError: the pixels fit no choice, or what was stated fits clearly worse than what
             was not.
     """
-    uv = uv_px.reshape(len(uv_px), -1, 2)
-    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
-    # so many points judge
-    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 4000)).astype(int)] if uv.size else uv
+    uv = spread_points(uv_px, 4000)  # so many points judge
     lens = any(c.lens is not None for c in cameras)
     heights = [height_px] if height_px is not None else image_heights(cameras)
     tried: list[tuple[float, PixelCorner, PixelCorner, float | None, Array]] = []
@@ -191,9 +188,7 @@ def decide_origin(
                 if flips or lens:
                     ideal = straight(pixels, height if pixels == "lower-left" else None)
                     ideal = flipped(ideal, height) if calibrated == "lower-left" else ideal
-                residual = residual_px(matrices, ideal, linear(matrices, ideal))
-                median = float(np.nanmedian(residual)) if np.isfinite(residual).any() else np.inf
-                tried.append((median, pixels, calibrated, height, ideal))
+                tried.append((median_miss(matrices, ideal), pixels, calibrated, height, ideal))
     tried.sort(key=lambda t: t[0])
     allowed = [t for t in tried if origin in (None, t[1]) and coefficients in (None, t[2])]
     if not allowed:

@@ -80,6 +80,25 @@ def residual_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array 
         return np.where(n >= 2, np.sqrt(np.nansum(squares, axis=0) / np.maximum(2 * n - 3, 1)), np.nan)
 
 
+def misses(matrices: Array, uv_px: Array) -> Array:
+    """(K,) residuals of the linear triangulation of (C, ..., 2) ideal pixels, of those that give a point."""
+    miss = residual_px(matrices, uv_px, linear(matrices, uv_px))
+    return miss[np.isfinite(miss)]
+
+
+def median_miss(matrices: Array, uv_px: Array) -> float:
+    """The median of ``misses``; inf where no point is seen by two cameras."""
+    miss = misses(matrices, uv_px)
+    return float(np.median(miss)) if len(miss) else np.inf
+
+
+def spread_points(uv_px: Array, most: int) -> Array:
+    """(C, K, 2) pixels of at most so many points that two cameras or more see, spread over (C, ..., 2) of them."""
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
+    return uv[:, np.linspace(0, max(uv.shape[1] - 1, 0), min(uv.shape[1], most)).astype(int)]
+
+
 def refine(
     matrices: Array, uv_px: Array, xyz_m: Array, *, sd_px: Array | float, iterations: int = 10
 ) -> tuple[Array, Array]:
@@ -210,6 +229,7 @@ def robust(
     *,
     sd_px: float | None = None,
     relative: Array | None = None,
+    certain: NDArray[np.bool_] | None = None,
 ) -> Triangulation:
     """Triangulate, rejecting rays that miss, the worst first.
 
@@ -223,23 +243,27 @@ def robust(
         sd_px: Standard deviation of a pixel coordinate; None estimates it (``pixel_sd``).
         relative: Deviations of rays relative to ``sd_px``, broadcastable to (C, T, M); residuals are divided by them.
             None: 1.
+        certain: (C, T, M) rays that are never rejected; where they contradict each other the point is between them.
+            None: none.
     """
     uv = uv_px.copy()
     seen = np.isfinite(uv[..., 0])
+    fixed = np.zeros(seen.shape, dtype=bool) if certain is None else certain
     scale = np.broadcast_to(1.0 if relative is None else relative, seen.shape)
     xyz = linear(matrices, uv, relative=scale)
     residual = residual_px(matrices, uv, xyz, relative=scale)
     sd = pixel_sd(residual, seen.sum(axis=0)) if sd_px is None else sd_px
     limit = 5.0 * max(sd, 1e-9)
     for _ in range(len(matrices)):
-        t, m = np.nonzero(residual > limit)
+        t, m = np.nonzero((residual > limit) & (np.isfinite(uv[..., 0]) & ~fixed).any(axis=0))
         if not len(t):
             break
         trial = uv[:, t, m]  # (C, K, 2)
         count = np.isfinite(trial[..., 0]).sum(axis=0)
         drop_all = count <= 2
         lost = t[drop_all], m[drop_all]
-        uv[:, *lost], xyz[lost], residual[lost] = np.nan, np.nan, np.nan
+        uv[:, *lost] = np.where(fixed[:, *lost, None], uv[:, *lost], np.nan)
+        xyz[lost], residual[lost] = np.nan, np.nan
         t, m, trial = t[~drop_all], m[~drop_all], trial[:, ~drop_all]
         without = np.repeat(trial[None], len(matrices), axis=0)  # (dropped camera, C, K, 2)
         without[np.arange(len(matrices)), np.arange(len(matrices))] = np.nan
@@ -247,7 +271,7 @@ def robust(
         points = linear(matrices, without, relative=spread)
         misses = (without - project(matrices, points)) / spread[..., None]
         squares = np.nansum(misses**2, axis=(0, -1))  # (dropped, K)
-        squares[~np.isfinite(trial[..., 0])] = np.inf
+        squares[~np.isfinite(trial[..., 0]) | fixed[:, t, m]] = np.inf
         worst = np.argmin(squares, axis=0)
         uv[worst, t, m] = np.nan
         xyz[t, m] = linear(matrices, uv[:, t, m], relative=scale[:, t, m])

@@ -40,7 +40,15 @@ class Cleaning:
         return np.any(list(self.rejected.values()), axis=0)
 
 
-def clean(xyz_m: Array, sd_m: Array, t_s: Array, skeleton: Skeleton, names: tuple[str, ...]) -> Cleaning:
+def clean(
+    xyz_m: Array,
+    sd_m: Array,
+    t_s: Array,
+    skeleton: Skeleton,
+    names: tuple[str, ...],
+    *,
+    certain: Mask | bool = False,
+) -> Cleaning:
     """Find jumps, duplicated markers and stretched bones, in this order.
 
     Args:
@@ -49,6 +57,7 @@ def clean(xyz_m: Array, sd_m: Array, t_s: Array, skeleton: Skeleton, names: tupl
         t_s: (T,) times.
         skeleton: Rigid bones, and the speed limit if it is known.
         names: The M marker names.
+        certain: (T, M) samples that are never rejected; False: none.
     """
     limit = speed_limits(xyz_m, t_s)
     if skeleton.max_speed_m_s is not None:
@@ -57,8 +66,8 @@ def clean(xyz_m: Array, sd_m: Array, t_s: Array, skeleton: Skeleton, names: tupl
     rejected: dict[str, Mask] = {}
 
     def reject(reason: str, mask: Mask) -> None:
-        rejected[reason] = mask
-        xyz[mask] = np.nan
+        rejected[reason] = mask & np.logical_not(certain)
+        xyz[rejected[reason]] = np.nan
 
     slack = 4 * np.nan_to_num(_column_medians(sd_m))
     reject("jump", jumps(xyz, t_s, max_speed_m_s=limit, slack_m=slack))

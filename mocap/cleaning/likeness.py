@@ -36,16 +36,21 @@ def student_log(squares: Array, size: int) -> Array:
     return -0.5 * (DOF + size) * np.log1p(squares / DOF)
 
 
+def usual_length(length_m: Array) -> tuple[float, float] | None:
+    """Median of (T,) lengths and its robust deviation, 5 % of it or more; None where fewer than ten are known."""
+    known = length_m[np.isfinite(length_m)]
+    if len(known) < 10:
+        return None
+    median = float(np.median(known))
+    return median, max(1.4826 * float(np.median(np.abs(known - median))), 0.05 * median, 1e-9)
+
+
 def bone_lengths(xyz_m: Array, bones: Bones) -> list[BoneLength]:
-    """What each bone that is seen often enough measures; its deviation is robust, and 5 % of its length or more."""
+    """What each bone that is seen often enough measures."""
     out = []
     for a, b in bones:
-        length = np.linalg.norm(xyz_m[:, a] - xyz_m[:, b], axis=-1)
-        known = length[np.isfinite(length)]
-        if len(known) >= 10:
-            median = float(np.median(known))
-            sd = max(1.4826 * float(np.median(np.abs(known - median))), 0.05 * median, 1e-9)
-            out.append(BoneLength(int(a), int(b), median, sd))
+        if (usual := usual_length(np.linalg.norm(xyz_m[:, a] - xyz_m[:, b], axis=-1))) is not None:
+            out.append(BoneLength(int(a), int(b), *usual))
     return out
 
 

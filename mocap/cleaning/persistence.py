@@ -37,21 +37,57 @@ def persistent_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Arra
         xyz_m: (T, M, 3) points near which to linearise.
         relative: (C, T, M) deviations of rays relative to a usual one's, by which residuals are divided.
     """
-    shape = uv_px.shape[:3]
-    if shape[1] <= LAG:
-        return np.full(shape[2], np.nan)
-    problem = linearise(matrices, uv_px.reshape(len(uv_px), -1, 2), xyz_m.reshape(-1, 3))
-    found = fit(problem, (1 / relative**2).reshape(len(uv_px), -1))
-    redundancy = found.redundancy.reshape(shape)
-    residual = found.residual.reshape(uv_px.shape) / relative[..., None]
-    known = redundancy > 0.1
-    both = known[:, LAG:] & known[:, :-LAG]
-    share = np.where(both, np.sqrt(redundancy[:, LAG:] * redundancy[:, :-LAG]), 0.0).sum(axis=(0, 1))
-    product = np.where(both, np.sum(residual[:, LAG:] * residual[:, :-LAG], axis=-1), 0.0).sum(axis=(0, 1))
+    if uv_px.shape[1] <= LAG:
+        return np.full(uv_px.shape[2], np.nan)
+    share, product = _at_lag(*_residuals(matrices, uv_px, xyz_m, relative), LAG)
     if share.sum() < FEWEST:
-        return np.full(shape[2], np.nan)
+        return np.full(uv_px.shape[2], np.nan)
     usual = product.sum() / max(float(share.sum()), 1e-12)
     return np.sqrt(np.maximum((product + SHRINK * usual) / (share + SHRINK), 0.0))
+
+
+def share_left(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array) -> float:
+    """Share a of an error that lasts which is left a frame later, below 1.
+
+    If the autocovariance is c(t) = c(LAG) a^(t - LAG), its sum from ``LAG`` on is c(LAG) / (1 - a); it is added up as
+    far as c exceeds its own deviation in white noise, c(0) / sqrt(n). Errors that last less than ``LAG`` frames are not
+    told from white ones: 1 / (1 - a) is that at least. Where nothing is known errors last as long as the recording.
+
+    Args:
+        matrices: As of ``persistent_px``.
+        uv_px: As there.
+        xyz_m: As there.
+        relative: As there.
+    """
+    n_frames, found = uv_px.shape[1], _residuals(matrices, uv_px, xyz_m, relative)
+    share, product = (float(part.sum()) for part in _at_lag(*found, 0))
+    if n_frames <= LAG or share < FEWEST:
+        return 1 - 1 / max(n_frames, LAG)
+    usual, covariances = product / share, list[float]()
+    for lag in range(LAG, n_frames):
+        share, product = (float(part.sum()) for part in _at_lag(*found, lag))
+        if product <= usual * np.sqrt(share):
+            break
+        covariances.append(product / share)
+    return 1 - 1 / max(sum(covariances) / covariances[0] if covariances else 0.0, LAG)
+
+
+def _residuals(matrices: Array, uv_px: Array, xyz_m: Array, relative: Array) -> tuple[Array, Array]:
+    """(C, T, M, 2) residuals over their relative deviations, and (C, T, M) their redundancies, 0 where next to none."""
+    problem = linearise(matrices, uv_px.reshape(len(uv_px), -1, 2), xyz_m.reshape(-1, 3))
+    found = fit(problem, (1 / relative**2).reshape(len(uv_px), -1))
+    redundancy = found.redundancy.reshape(uv_px.shape[:3])
+    known = redundancy > 0.1
+    residual = found.residual.reshape(uv_px.shape) / relative[..., None]
+    return np.where(known[..., None], residual, 0.0), np.where(known, redundancy, 0.0)
+
+
+def _at_lag(residual: Array, redundancy: Array, lag: int) -> tuple[Array, Array]:
+    """(M,) sums of sqrt(rho_0 rho_t) and of r_0 r_t over residuals t frames apart."""
+    later, before = slice(lag, None), slice(None, residual.shape[1] - lag)
+    share = np.sqrt(redundancy[:, later] * redundancy[:, before])
+    product = np.sum(residual[:, later] * residual[:, before], axis=-1)
+    return share.sum(axis=(0, 1)), product.sum(axis=(0, 1))
 
 
 def lasting_share(lasting_px: Array, usual_px: Array, *, removed_px: float = 0.0) -> Array:

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
-from mocap.cameras.camera import project
 from mocap.cameras.triangulate import robust
-from mocap.cleaning.likeness import DOF, student_log
+from mocap.cleaning.likeness import student_log, usual_length
+from mocap.cleaning.swapped_rays import agreement
 from mocap.cleaning.swaps import Swap
 
 Mask = NDArray[np.bool_]
@@ -121,12 +121,8 @@ def _fits(
     """(T, S) log density of the rays of two markers in each state, but for terms that names do not change.
 
     And the (T, S, 2, 3) points that they make.
-
-    As in ``mocap.cleaning.swapped_rays``: of n rays that meet, 2 n - 3 directions are as narrow as the noise, and a ray
-    that does not is anywhere in the animal's extent.
     """
     detail = max(float(np.log(extent_px / (np.sqrt(2 * np.pi) * sd_px))), 0.0)
-    scale = sd_px * np.sqrt((DOF - 2) / DOF)
     out, points = np.zeros((uv.shape[1], len(states))), np.zeros((uv.shape[1], len(states), 2, 3))
     for number, state in enumerate(states):
         if state[0]:
@@ -136,14 +132,9 @@ def _fits(
         flip = state.astype(bool)
         named, width = uv.copy(), spread.copy()
         named[flip], width[flip] = uv[flip][:, :, ::-1], spread[flip][:, :, ::-1]
-        found = robust(matrices, named, sd_px=sd_px, relative=width)
-        kept = np.isfinite(named[..., 0]) & ~found.rejected & np.isfinite(found.xyz_m[..., 0])
-        n, lost = kept.sum(axis=0), found.rejected.sum(axis=0)
-        wrong = np.where(n >= 2, lost, np.minimum(lost, 1))
-        miss = np.linalg.norm(named - project(matrices, found.xyz_m), axis=-1) / width
-        fit = np.where(kept, student_log(np.nan_to_num(miss / scale) ** 2, 2), 0.0).sum(axis=0)
-        out[:, number] = (fit + detail * np.maximum(2 * n - 3, 0) + np.log(OUTLIERS) * wrong).sum(axis=1)
-        points[:, number] = found.xyz_m
+        out[:, number], points[:, number] = agreement(
+            matrices, named, width, sd_px=sd_px, detail=detail, outliers=OUTLIERS
+        )
     return out, points
 
 
@@ -158,11 +149,9 @@ def _distances(xyz_m: Array, points: Array, pair: Pair) -> Array:
         usual = np.linalg.norm(xyz_m[:, [marker]] - xyz_m[:, others], axis=-1)
         now = np.linalg.norm(points[:, :, number, None] - xyz_m[:, None, others], axis=-1)  # (T, S, M - 2)
         for k, column in enumerate(usual.T):
-            known = column[np.isfinite(column)]
-            if len(known) < 10:
+            if (known := usual_length(column)) is None:
                 continue
-            median = float(np.median(known))
-            sd = max(1.4826 * float(np.median(np.abs(known - median))), 0.05 * median, 1e-9)
+            median, sd = known
             seen = np.isfinite(now[..., k])
             off = np.where(seen, (np.nan_to_num(now[..., k]) - median) / sd, 0.0)
             total += np.where(seen, student_log(off**2, 1) - np.log(sd), 0.0)

@@ -16,7 +16,7 @@ from eal.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import Triangulation, robust
 from mocap.cleaning.likeness import CHANGE, DOF, MARGIN, student_log
-from mocap.cleaning.swaps import Swap
+from mocap.cleaning.swaps import Swap, clearest, exchange
 
 Mask = NDArray[np.bool_]
 Key = tuple[int, int, int]
@@ -65,14 +65,7 @@ def _clearest(rays: "_Rays") -> list[Swap]:
         gain.setdefault((int(c), int(i), int(j)), {})[int(t)] = float(value)
     clear = {key: known for key, known in gain.items() if sum(v for v in known.values() if v > 0) > CHANGE + MARGIN}
     runs = [run for key, all_of in rays.completed(clear).items() for run in _runs(key, all_of, rays.seen[key[0]])]
-    taken = np.zeros(rays.seen.shape[1:], dtype=bool)
-    out = []
-    for run in sorted(runs, key=lambda run: -run.gain):
-        where = np.ix_(run.frames, np.array([run.a, run.b]))
-        if not taken[where].any():
-            taken[where] = True
-            out.append(run)
-    return out
+    return clearest(runs, rays.seen.shape[1:])[0]
 
 
 def exchange_rays(uv_px: NDArray[Any], swaps: Sequence[Swap]) -> NDArray[Any]:
@@ -80,12 +73,33 @@ def exchange_rays(uv_px: NDArray[Any], swaps: Sequence[Swap]) -> NDArray[Any]:
     out = uv_px.copy()
     for swap in swaps:
         for camera in range(len(uv_px)) if swap.camera is None else [swap.camera]:
-            one = out[camera]
-            one[swap.frames, swap.a], one[swap.frames, swap.b] = (
-                one[swap.frames, swap.b],
-                one[swap.frames, swap.a].copy(),
-            )
+            out[camera] = exchange(out[camera], [swap])
     return out
+
+
+def agreement(
+    matrices: Array, uv: Array, spread: Array, *, sd_px: float, detail: float, outliers: float
+) -> tuple[Array, Array]:
+    """(K,) log likelihood of rays of two markers, but for terms that their names do not change; (K, 2, 3) their points.
+
+    A click is of its marker, with a density of 1 / (sqrt(2 pi) sd) in each of the 2 n - 3 directions that n rays leave
+    over, or anywhere in the animal's extent.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv: (C, K, 2, 2) ideal pixels; NaN where not seen.
+        spread: (C, K, 2) deviations of rays relative to ``sd_px``.
+        sd_px: Standard deviation of a pixel coordinate.
+        detail: Logarithm of the animal's extent over sqrt(2 pi) sd.
+        outliers: Share of clicks that land anywhere.
+    """
+    found = robust(matrices, uv, sd_px=sd_px, relative=spread)
+    kept = np.isfinite(uv[..., 0]) & ~found.rejected & np.isfinite(found.xyz_m[..., 0])
+    n, lost = kept.sum(axis=0), found.rejected.sum(axis=0)
+    wrong = np.where(n >= 2, lost, np.minimum(lost, 1))  # of two rays that disagree one is right
+    miss = np.linalg.norm(uv - project(matrices, found.xyz_m), axis=-1) / (spread * sd_px * np.sqrt((DOF - 2) / DOF))
+    fit = np.where(kept, student_log(np.nan_to_num(miss) ** 2, 2), 0.0).sum(axis=0)
+    return (fit + detail * np.maximum(2 * n - 3, 0) + np.log(outliers) * wrong).sum(axis=1), found.xyz_m
 
 
 class _Rays:
@@ -147,19 +161,7 @@ class _Rays:
         return np.where(moves_a | moves_b, np.minimum(gain, 0.0), gain)
 
     def _score(self, uv: Array, spread: Array) -> Array:
-        """(K,) log likelihood of rays (C, K, 2, 2) of two markers, but for terms that their names do not change.
-
-        A click is of its marker, with a density of 1 / (sqrt(2 pi) sd) in each of the 2 n - 3 directions that n rays
-        leave over, or anywhere in the animal's extent (a share of ``OUTLIERS``).
-        """
-        found = robust(self.matrices, uv, sd_px=self.sd, relative=spread)
-        kept = np.isfinite(uv[..., 0]) & ~found.rejected & np.isfinite(found.xyz_m[..., 0])
-        n, lost = kept.sum(axis=0), found.rejected.sum(axis=0)
-        wrong = np.where(n >= 2, lost, np.minimum(lost, 1))  # of two rays that disagree one is right
-        miss = np.linalg.norm(uv - project(self.matrices, found.xyz_m), axis=-1) / spread
-        fit = np.where(kept, student_log(np.nan_to_num(miss / self._scale) ** 2, 2), 0.0).sum(axis=0)
-        value = fit + self.detail * np.maximum(2 * n - 3, 0) + np.log(OUTLIERS) * wrong
-        return value.sum(axis=1)
+        return agreement(self.matrices, uv, spread, sd_px=self.sd, detail=self.detail, outliers=OUTLIERS)[0]
 
     @property
     def _scale(self) -> float:

@@ -94,6 +94,16 @@ def exchange(values: Array, swaps: Sequence[Swap]) -> Array:
     return out
 
 
+def without_edited(swaps: Iterable[Swap], edited: Mask) -> tuple[list[Swap], list[Swap]]:
+    """Swaps in frames in which no person edited (T, M) either marker, and in the others, where the person is right."""
+    kept, undone = list[Swap](), list[Swap]()
+    for swap in swaps:
+        own = edited[np.ix_(swap.frames, np.array([swap.a, swap.b]))].any(axis=1)
+        for part, where in ((kept, ~own), (undone, own)):
+            part += [replace(swap, frames=swap.frames[where])] if where.any() else []
+    return kept, undone
+
+
 def exchanged_markers(xyz_m: Array, bones: Bones) -> Exchanged:
     """Find identity switches, the clearest first; each search starts from the data with the earlier ones undone.
 
@@ -187,14 +197,19 @@ def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> tup
                         score += sign * (float(student_log(np.array((miss / sd) ** 2), 3)) - 3 * np.log(sd))
                 if score > MARGIN:
                     found.append(Swap(a=pair[0], b=pair[1], frames=part, camera=None, gain=score))
-    taken = np.zeros(seen.shape, dtype=bool)
-    chosen = []
+    chosen, taken = clearest(found, seen.shape)
+    return chosen, doubtful & ~taken
+
+
+def clearest(found: Iterable[Swap], shape: tuple[int, int]) -> tuple[list[Swap], Mask]:
+    """Runs by their gain, no two of one marker in one frame, and (T, M) the samples of these."""
+    taken, chosen = np.zeros(shape, dtype=bool), []
     for run in sorted(found, key=lambda run: -run.gain):
         where = np.ix_(run.frames, np.array([run.a, run.b]))
         if not taken[where].any():
             taken[where] = True
             chosen.append(run)
-    return chosen, doubtful & ~taken
+    return chosen, taken
 
 
 def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tuple[list[Swap], Mask]:

@@ -2,6 +2,7 @@
 
 import getpass
 from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -19,7 +20,9 @@ from mocap.cameras.triangulate import linear, project
 from mocap.desk.overlays import drawn, ellipses, epipolar_lines, listed
 from mocap.desk.pictures import Pictures, pictures_of
 from mocap.errors import MocapError
-from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing, straightened
+from mocap.pipeline.by_hand import errors_left, straightened, with_hand
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing
 from mocap.pipeline.one_camera import of_one_camera
 from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Status
@@ -109,6 +112,7 @@ class Proof(Pictures):
         result: What was tracked.
         log: The file of the edits.
         edits: All lines of the log.
+        ahead: The recording being cleaned while a person looks; None: that is done at the first correction.
         pending: Edits that nothing was solved with yet, and whether they were taken back.
         recording: ``raw`` with the edits.
         tracks: The result, with what the corrections since have settled.
@@ -117,6 +121,7 @@ class Proof(Pictures):
     name: str
     result: Tracked
     log: Path
+    ahead: Future | None = None
     edits: list[Edit] = field(default_factory=list)
     pending: list[tuple[Edit, bool]] = field(default_factory=list)
 
@@ -187,6 +192,10 @@ class Proof(Pictures):
             return np.full_like(self.tracks.xyz_m, np.nan) if self.raw.points is None else self.raw.xyz_m
         return linear(stacked(self.raw.cameras), self.raw.ideal_px)
 
+    @cached_property
+    def _cleaned(self) -> tuple[Recording, float]:
+        return _cleaned(self.raw) if self.ahead is None else self.ahead.result()
+
     def places(self) -> list[Place]:
         """What is to be looked at next, by how much a correction would settle."""
         return places(self.tracks, self._measured, self.recording.edited)
@@ -252,6 +261,7 @@ class Proof(Pictures):
             for array in (xyz, cov, status):
                 array[run, which] = array[run, which[::-1]]
         elif back:
+            run = slice(max(0, first - AROUND), last + 1 + AROUND)
             for array, old in zip((xyz, cov, status), (whole.xyz_m, whole.cov_m2, whole.status), strict=True):
                 array[run, which] = old[run][:, which]
         elif len(spans) > 1:
@@ -259,23 +269,31 @@ class Proof(Pictures):
         changed = self.recording.edited
         # names that the program put right stand otherwise in the files: there the result stays as it is
         named = (self.result.repaired == 1) & ~changed
-        recording = self.recording
-        if "pixels" in recording.data and named.any():
-            recording = recording.having(pixels=np.where(named[..., None], np.nan, recording.data["pixels"].values))
+        recording, cleaned, moved = self.recording, None, np.zeros(changed.shape, dtype=bool)
         alone = bool(recording.cameras) and of_one_camera(self.raw)
+        if self.raw.rows is not None and not alone:
+            bare, left = self._cleaned
+            cleaned = with_hand(bare, recording, left=left)
+            moved = (cleaned.xyz_m != bare.xyz_m).any(axis=-1)
         said = "; the model solves it when the trial is tracked again" if alone else ""
         for span in [] if alone else spans:
             try:
                 window, found = resolved(
-                    recording, tracks, sd_px=self._sd_px, markers=which.tolist(), first=span[0], last=span[1]
+                    recording,
+                    tracks,
+                    sd_px=self._sd_px,
+                    markers=which.tolist(),
+                    first=span[0],
+                    last=span[1],
+                    cleaned=cleaned,
                 )
             except MocapError as error:  # one ray alone: it is kept, and settles something with the next
                 said = f"; {error}"
                 continue
             frames = np.arange(len(status))[window]
             near = (frames[:, None] >= span[0]) & (frames[:, None] <= span[1])
-            # measured samples beside it stay as all markers together have them
-            new = near | changed[window][:, which] | (status[window][:, which] != Status.MEASURED)
+            # measured samples beside it that it says nothing of stay as all markers together have them
+            new = near | (changed | moved)[window][:, which] | (status[window][:, which] != Status.MEASURED)
             new &= (np.isfinite(found.xyz_m[..., 0]) | near) & ~named[window][:, which]
             for array, value in zip((xyz, cov, status), (found.xyz_m, found.cov_m2, found.status), strict=True):
                 old = array[np.ix_(frames, which)]
@@ -347,6 +365,12 @@ class Proof(Pictures):
         return picture.getvalue()
 
 
+def _cleaned(raw: Recording) -> tuple[Recording, float]:
+    """A recording without edits, cleaned as for tracking, and how long errors of its rays last."""
+    found = clean(raw)
+    return found, errors_left(found)
+
+
 def _user() -> str:
     try:
         return getpass.getuser()
@@ -364,4 +388,7 @@ def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> P
         log: The file of the edits; it need not be there.
     """
     edits = read_edits(log) if log.is_file() else []
-    return Proof(name=name, **vars(pictures_of(recording)), result=result, log=log, edits=edits)
+    pictures = pictures_of(recording)
+    solves = pictures.raw.rows is not None and not of_one_camera(pictures.raw)
+    ahead = ThreadPoolExecutor(1).submit(_cleaned, pictures.raw) if solves else None
+    return Proof(name=name, **vars(pictures), result=result, log=log, edits=edits, ahead=ahead)

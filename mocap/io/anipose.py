@@ -12,9 +12,8 @@ from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.documents import read_toml
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, point_recording
+from mocap.io.contents import FileContents, calibration_recording, point_recording
 from mocap.io.csv_table import read_table
-from mocap.io.dltdv_files import calibration_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
@@ -110,7 +109,7 @@ def _camera(path: Path, key: str, section: Any) -> Camera:
         intrinsic=matrix,
         rotation=rotation,
         translation_m=shift,
-        lens=None if lens.is_identity else lens,
+        lens=lens.if_bent,
         size_px=(int(size[0]), int(size[1])),
     )
 

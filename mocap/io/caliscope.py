@@ -39,15 +39,19 @@ def _table(path: Path) -> "pd.DataFrame":
     return table.astype(dict.fromkeys(keys, int))
 
 
-def _rows(path: Path, table: "pd.DataFrame", columns: list[str]) -> tuple[np.ndarray, Array]:
-    """(T,) frames from the first to the last, and (T, M, K) values of the M points in order of their numbers."""
+def _rows(
+    path: Path, table: "pd.DataFrame", columns: list[str], camera: str | None = None
+) -> tuple[np.ndarray, list[str], np.ndarray, Array]:
+    """(T,) frames from the first to the last, the M points and (C,) cameras by number, and (C, T, M, K) values."""
     points, index = np.unique(table["point_id"]), table["sync_index"].to_numpy()
-    first, last = int(index.min()), int(index.max())
-    check_bytes(path, 8 * (last - first + 1) * len(points) * len(columns), "all frames up to its last sync_index")
-    frames = np.arange(first, last + 1)
-    values = np.full((len(frames), len(points), len(columns)), np.nan)
-    values[table["sync_index"] - frames[0], np.searchsorted(points, table["point_id"])] = table[columns]
-    return frames, values
+    cameras = np.zeros(1) if camera is None else np.unique(table[camera])
+    view = 0 if camera is None else np.searchsorted(cameras, table[camera])
+    frames = np.arange(int(index.min()), int(index.max()) + 1)
+    size = (len(cameras), len(frames), len(points), len(columns))
+    check_bytes(path, 8 * int(np.prod(size)), "all frames up to its last sync_index")
+    values = np.full(size, np.nan)
+    values[view, index - frames[0], np.searchsorted(points, table["point_id"])] = table[columns]
+    return frames, [f"point_{number}" for number in points], cameras, values
 
 
 def _rate(path: Path, table: "pd.DataFrame") -> tuple[float | None, list[str]]:
@@ -62,14 +66,7 @@ def _rate(path: Path, table: "pd.DataFrame") -> tuple[float | None, list[str]]:
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     table = _table(path)
     camera = next(title for title in _CAMERAS if title in table)
-    names = [f"point_{number}" for number in np.unique(table["point_id"])]
-    cameras = np.unique(table[camera])
-    frames, values = _rows(path, table, ["img_loc_x", "img_loc_y"])
-    uv = np.full((len(cameras), *values.shape), np.nan)
-    points = np.unique(table["point_id"])
-    for c, number in enumerate(cameras):
-        own = table[table[camera] == number]
-        uv[c, own["sync_index"] - frames[0], np.searchsorted(points, own["point_id"])] = own[["img_loc_x", "img_loc_y"]]
+    frames, names, cameras, uv = _rows(path, table, ["img_loc_x", "img_loc_y"], camera)
     fps, told = _rate(path, table)
     return pixel_recording(
         path,
@@ -87,13 +84,13 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
 
 def _points(path: Path, _hints: Hints) -> FileContents:
     table = _table(path)
-    frames, values = _rows(path, table, ["x_coord", "y_coord", "z_coord"])
+    frames, names, _, (xyz,) = _rows(path, table, ["x_coord", "y_coord", "z_coord"])
     fps, told = _rate(path, table)
     return point_recording(
         path,
         "caliscope-xyz",
-        names=[f"point_{number}" for number in np.unique(table["point_id"])],
-        xyz=values,
+        names=names,
+        xyz=xyz,
         unit=None,
         frames=frame_numbers(path, frames),
         first=int(frames[0]),

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.lines import image_numbers, one_line
+from mocap.io.lines import image_numbers
 
 
 def _is_coco(head: Head) -> bool:

@@ -110,6 +110,10 @@ class FileContents:
         first = 0.0 if tracks is None else float(tracks.t_s[0]) * (self.fps or 1.0)
         return self.frames - int(self.frames[0]) + round(first)
 
+    def length_m(self, path: Path) -> float:
+        """Metres in the unit of lengths, of ``path`` for messages; 1 where it is not known: lengths are then in it."""
+        return metres(path, self.unit) if self.unit else 1.0
+
     def without_points(self) -> "FileContents":
         """With pixels alone."""
         return replace(self, points=None)
@@ -234,7 +238,7 @@ def point_recording(
         path: The file.
         format: Its format.
         names: The M markers.
-        xyz: (T, M, 3) positions in ``unit``; NaN where there is none.
+        xyz: (T, M, 3) positions in ``unit``, or (T, 3 M) columns x, y, z of each marker; NaN where there is none.
         unit: As the file states it; None: it does not.
         frames: (T,) frame numbers; None: from ``first`` on.
         first: Number of the frame at time 0.
@@ -247,6 +251,7 @@ def point_recording(
         FormatError: a name appears twice, frame numbers do not increase, or the unit is not known.
     """
     frames = first + np.arange(len(xyz)) if frames is None else frames
+    xyz = xyz.reshape(len(xyz), -1, 3) if xyz.ndim == 2 else xyz
     xyz = xyz * metres(path, unit) if unit is not None else np.array(xyz, dtype=np.float64)
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
     times = (frames - first) / (fps or 1.0) if t_s is None else t_s
@@ -262,6 +267,48 @@ def point_recording(
         fps=fps,
         unit=unit,
         points=points,
+        **parts,  # type: ignore[arg-type]
+    )
+
+
+def table_recording(
+    path: Path,
+    format: str,
+    *,
+    tables: Mapping[str, Array],
+    names: Sequence[str] = (),
+    frames: NDArray[np.int64] | None = None,
+    **parts: object,
+) -> FileContents:
+    """Tables alone, a row a frame; other parts as fields of the recording are.
+
+    Args:
+        path: The file.
+        format: Its format.
+        tables: As ``FileContents.tables``, all of T rows.
+        names: The M markers.
+        frames: (T,) frame numbers; None: from 1 on.
+        **parts: Other fields of the recording.
+    """
+    frames = 1 + np.arange(len(next(iter(tables.values())))) if frames is None else frames
+    return FileContents(
+        format=format,
+        paths=(path,),
+        names=tuple(names),
+        frames=frames,
+        tables=tables,
+        **parts,  # type: ignore[arg-type]
+    )
+
+
+def calibration_recording(path: Path, format: str, cameras: tuple[Camera, ...], **parts: object) -> FileContents:
+    """Cameras alone; other parts as fields of the recording are."""
+    names = tuple(camera.name for camera in cameras)
+    return FileContents(
+        format=format,
+        paths=(path,),
+        camera_names=names,
+        cameras=cameras,
         **parts,  # type: ignore[arg-type]
     )
 

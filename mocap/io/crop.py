@@ -5,7 +5,6 @@ of that window, a calibration's from that of the whole picture; the sum of pixel
 """
 
 import csv
-import pickle
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,10 +14,12 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.head import Head, head
-from mocap.io.lines import number, one_line
+from mocap.io.lines import number
 from mocap.io.matlab import variables
+from mocap.io.pickles import plain_pickle
 
 VARIABLE = "XYtop_left"
 """The variable of a MATLAB file: (frames, 2) columns and rows of the window's upper left corner."""
@@ -163,41 +164,10 @@ def _of_matlab(path: Path, values: Any) -> Array:
     return table.T if table.shape[0] == 2 and table.shape[1] != 2 else table
 
 
-class _Inert(dict):
-    """Stands for whatever a pickle names; it runs nothing."""
-
-    def __init__(self, *_given: Any, **_more: Any) -> None:
-        super().__init__()
-
-    def __setstate__(self, _state: Any) -> None:
-        """Keep nothing."""
-
-    def __call__(self, *_given: Any, **_more: Any) -> "_Inert":
-        return _Inert()
-
-    def append(self, _value: Any) -> None:
-        """Keep nothing."""
-
-    def extend(self, _values: Any) -> None:
-        """Keep nothing."""
-
-
-class _Plain(pickle.Unpickler):
-    """Numbers, texts, lists and dictionaries; nothing that would run code."""
-
-    def find_class(self, _module: str, _name: str) -> Any:
-        return _Inert
-
-    def persistent_load(self, _pid: Any) -> Any:
-        return None
-
-
 def _cropping(path: Path) -> Any:
     """``data.cropping_parameters`` [x1, x2, y1, y2] of DeepLabCut's meta file; zeros where it did not crop."""
     try:
-        with path.open("rb") as stream:
-            meta = _Plain(stream).load()
-        data = meta["data"]
+        data = plain_pickle(path.read_bytes(), inert=True)["data"]
         return data["cropping_parameters"] if data["cropping"] else (0, 0, 0, 0)
     except Exception as error:  # damaged pickles raise whatever they like
         raise FormatError(

@@ -7,7 +7,6 @@ DeepLabCut does, and read without.
 import csv
 import importlib
 import io
-import pickle
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -16,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
-from mocap.io.lines import frame_numbers, image_numbers, number, numbers, one_line, read_lines
-from mocap.io.optical import metres
+from mocap.io.lines import frame_numbers, image_numbers, number, numbers, read_lines
+from mocap.io.pickles import plain_pickle
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,17 +187,10 @@ def _side_by_side(path: Path, blocks: list[Any]) -> Array:
     return np.concatenate([np.asarray(block, dtype=np.float64) for block in blocks], axis=1)
 
 
-class _NamesOnly(pickle.Unpickler):
-    """Lists, tuples and strings; nothing that would run code."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        raise pickle.UnpicklingError(f"{module}.{name} is no name of a column")
-
-
 def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
     """The column names that pandas keeps, pickled, in an attribute."""
     try:
-        names = _NamesOnly(io.BytesIO(data)).load()
+        names = plain_pickle(data)
         names = names[0][1] if len(names) == 1 and isinstance(names[0][1], list) else names  # of an axis
         return [tuple(str(word) for word in name) for name in names]
     except Exception as error:  # damaged pickles raise whatever they like
@@ -235,8 +228,7 @@ def _tables(path: Path, recording: FileContents) -> list[tuple[Path, "pd.DataFra
     several = len({animal for animal, _ in animals}) > 1
     keys = [("eal-mocap", *((animal or "single",) if several else ()), part) for animal, part in animals]
     if recording.points is not None:
-        scale = metres(path, recording.unit) if recording.unit else 1.0
-        views, axes = recording.points.xyz_m[None] / scale, ("x", "y", "z")
+        views, axes = recording.points.xyz_m[None] / recording.length_m(path), ("x", "y", "z")
     elif recording.pixels is not None:
         uv, score = recording.pixels.uv_px, recording.score
         score = recording.pixels.seen.astype(float) if score is None else np.nan_to_num(score)

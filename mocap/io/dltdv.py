@@ -9,12 +9,14 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.errors import FormatError
+from mocap.io.columns import by_title
 from mocap.io.csv_table import first_cells, read_table, write_table
 from mocap.io.digits import decimals_in, decimals_of
 from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
-_PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)_(?P<axis>[XYUVxyuv])")
-_AXIS = {"X": 0, "U": 0, "Y": 1, "V": 1, "Z": 2}
+_PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XYUVxyuv])")
+_POINT = re.compile(r"(?P<name>.+)(?P<axis>_[XYZxyz]|_sd)")
+_X, _Y = "_X _U _x _u", "_Y _V _y _v"
 
 
 def read_pixels(path: Path, *, fps: float) -> PixelTracks:
@@ -25,40 +27,10 @@ def read_pixels(path: Path, *, fps: float) -> PixelTracks:
     Raises:
         FormatError: the header or a cell is not that; the message names it.
     """
-    header, values = read_table(path)
-    names: dict[str, int] = {}
-    cameras: set[int] = set()
-    where: dict[tuple[int, int, int], int] = {}
-    for column, title in enumerate(header):
-        match = _PIXEL.fullmatch(title)
-        if not match:
-            raise FormatError(
-                f"{path.name}: column {column + 1} is {title!r}; expected names like pt1_cam1_X "
-                "(DLTdv xypts): is this the 2D file?"
-            )
-        camera = int(match["camera"])
-        key = (camera, names.setdefault(match["name"], len(names)), _AXIS[match["axis"].upper()])
-        if key in where:
-            raise FormatError(f"{path.name}: marker name {match['name']!r} appears twice (column {title}): rename one")
-        cameras.add(camera)
-        where[key] = column
-    order = sorted(cameras)
-    columns = [where.get((c, m, axis), -1) for c in order for m in range(len(names)) for axis in (0, 1)]
-    if -1 in columns:
-        camera, marker = divmod(columns.index(-1) // 2, len(names))
-        raise FormatError(
-            f"{path.name}: marker {list(names)[marker]!r} has no X and Y columns for cam{order[camera]}: "
-            f"{len(header)} columns do not make {len(names)} markers x {len(order)} cameras x 2"
-        )
-    frames = len(values)
-    values = values[:, columns]  # and nothing but that: the table may be large
-    uv = values.reshape(frames, len(order), len(names), 2)
-    return PixelTracks(
-        names=tuple(names),
-        cameras=tuple(f"cam{c}" for c in order),
-        t_s=np.arange(frames) / fps,
-        uv_px=np.moveaxis(uv, 1, 0),
-    )
+    expected = "names like pt1_cam1_X (DLTdv xypts): is this the 2D file?"
+    names, cameras, uv = by_title(path, read_table(path), _PIXEL, [_X, _Y], expected=expected)
+    t_s = np.arange(uv.shape[1]) / fps
+    return PixelTracks(names=names, cameras=tuple(f"cam{c}" for c in cameras), t_s=t_s, uv_px=uv)
 
 
 def holds_deviations(path: Path) -> bool:
@@ -82,31 +54,11 @@ def read_points(path: Path, *, fps: float) -> MarkerTracks:
     Raises:
         FormatError: the header or a cell is not that; the message names it.
     """
-    header, values = read_table(path)
-    names: dict[str, int] = {}
-    where: dict[tuple[int, int], int] = {}
-    for column, title in enumerate(header):
-        match = re.fullmatch(r"(?P<name>.+)_(?P<axis>[XYZxyz]|sd)", title)
-        if not match:
-            raise FormatError(
-                f"{path.name}: column {column + 1} is {title!r}; expected names like pt1_X (DLTdv xyzpts)"
-            )
-        axis = 3 if match["axis"] == "sd" else _AXIS[match["axis"].upper()]
-        key = (names.setdefault(match["name"], len(names)), axis)
-        if key in where:
-            raise FormatError(f"{path.name}: marker name {match['name']!r} appears twice (column {title}): rename one")
-        where[key] = column
-    for marker, m in names.items():
-        if any((m, axis) not in where for axis in range(3)):
-            raise FormatError(f"{path.name}: marker {marker!r} needs the columns {marker}_X, {marker}_Y and {marker}_Z")
-    xyz = values[:, [where[m, axis] for m in range(len(names)) for axis in range(3)]].reshape(len(values), -1, 3)
-    xyz[np.isnan(xyz).any(axis=-1)] = np.nan
-    sd = np.full(xyz.shape[:2], np.nan)
-    for (m, axis), column in where.items():
-        if axis == 3:
-            sd[:, m] = values[:, column]
-    cov = sd[..., None, None] ** 2 * np.eye(3)
-    return marker_tracks(tuple(names), np.arange(len(values)) / fps, xyz, cov_m2=cov)
+    expected, axes = "names like pt1_X (DLTdv xyzpts)", [_X, _Y, "_Z _z", "_sd"]
+    names, _, (table,) = by_title(path, read_table(path), _POINT, axes, expected=expected, spare=1)
+    xyz, sd = np.split(table, [3], axis=-1)
+    xyz = np.where(np.isnan(xyz).any(axis=-1, keepdims=True), np.nan, xyz)
+    return marker_tracks(names, np.arange(len(xyz)) / fps, xyz, cov_m2=sd[..., None] ** 2 * np.eye(3))
 
 
 def write_points(path: Path, tracks: MarkerTracks, *, sd: bool = False) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.cameras.camera import Camera
 from mocap.cameras.origin import BOTH, PixelCorner
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents
+from mocap.io.columns import by_title
+from mocap.io.contents import FileContents, calibration_recording, table_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv import names_cameras, read_coefficients, read_pixels, read_points
 from mocap.io.dvproject import read_project
@@ -85,56 +85,42 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     )
 
 
-def table_recording(path: Path, format: str, table: str, suffixes: tuple[str, ...]) -> FileContents:
-    """A table with a column for each marker and suffix: residuals or half widths of intervals.
-
-    Raises:
-        FormatError: columns are not that.
-    """
-    header, values = read_table(path)
-    names = list(dict.fromkeys(title.removesuffix(s) for title in header for s in suffixes if title.endswith(s)))
-    where = {title: column for column, title in enumerate(header)}
-    lacking = [name + s for name in names for s in suffixes if name + s not in where]
-    if lacking or len(where) != len(names) * len(suffixes):
-        raise FormatError(
-            f"{path.name}: {len(header)} columns; expected {', '.join(suffixes)} of each point"
-            f"{f', but {lacking[0]} is missing' if lacking else ', each once'}: export it again"
-        )
-    values = values[:, [where[name + s] for name in names for s in suffixes]].reshape(len(values), len(names), -1)
-    return FileContents(
-        format=format,
-        paths=(path,),
-        names=tuple(names),
-        frames=1 + np.arange(len(values)),
-        tables={table: values[..., 0] if len(suffixes) == 1 else values},
-    )
+def residuals(path: Path, format: str, end: str) -> FileContents:
+    """Residuals in pixels, a column of each marker."""
+    pattern = re.compile(rf"(?P<name>.+)(?P<axis>{end})")
+    names, _, (table,) = by_title(path, read_table(path), pattern, [end], expected=f"names like pt1{end}")
+    return table_recording(path, format, names=names, tables={"residual_px": table[..., 0]})
 
 
-def offset_recording(path: Path, format: str, pattern: str) -> FileContents:
+def _intervals(path: Path, _hints: Hints) -> FileContents:
+    pattern = re.compile(r"(?P<name>.+)(?P<axis>_[XYZ]\+-CI)")
+    axes = ["_X+-CI", "_Y+-CI", "_Z+-CI"]
+    names, _, (table,) = by_title(path, read_table(path), pattern, axes, expected="names like pt1_X+-CI")
+    return table_recording(path, "dltdv-xyzci", names=names, tables={"interval": table})
+
+
+def offsets(path: Path, format: str, pattern: str) -> FileContents:
     """Frames by which each camera is ahead; columns as ``pattern`` has them, with the camera's number as its group.
 
     Raises:
         FormatError: columns are not that.
     """
     header, values = read_table(path)
-    numbers = [re.fullmatch(pattern, title) for title in header]
-    if not all(numbers) or len({match[1] for match in numbers if match}) != len(header):
+    numbers = [match[1] for title in header if (match := re.fullmatch(pattern, title))]
+    if len(set(numbers)) != len(header):
         raise FormatError(
             f"{path.name}: columns {', '.join(header[:4])}; expected one for each camera: export it again"
         )
-    offsets = np.unique(values[np.isfinite(values)])
-    return FileContents(
-        format=format,
-        paths=(path,),
-        frames=1 + np.arange(len(values)),
-        camera_names=tuple(f"cam{match[1]}" for match in numbers if match),
-        tables={"offset_frames": values},
-        findings=(
-            "the offsets of all cameras are 0"
-            if not offsets.any()
-            else f"cameras are offset by {offsets.min():g} to {offsets.max():g} frames",
-        ),
-    )
+    told = _ahead(values[np.isfinite(values)]) or "the offsets of all cameras are 0"
+    cameras = tuple(f"cam{number}" for number in numbers)
+    return table_recording(path, format, camera_names=cameras, tables={"offset_frames": values}, findings=(told,))
+
+
+def _ahead(offset_frames: np.ndarray) -> str:
+    """A sentence on offsets; empty where all are 0."""
+    if not offset_frames.any():
+        return ""
+    return f"cameras are offset by {offset_frames.min():g} to {offset_frames.max():g} frames"
 
 
 def is_number_row(cells: tuple[str, ...]) -> bool:
@@ -151,24 +137,6 @@ def _is_coefficients(head: Head) -> bool:
     return len(rows) - titled in (8, 11) and (titled or is_number_row(head.cells())) and len(head.cells()) <= 100
 
 
-def _coefficients(path: Path, _hints: Hints) -> FileContents:
-    return calibration_recording(path, "dltdv-coefficients", read_coefficients(path))
-
-
-def calibration_recording(
-    path: Path, format: str, cameras: tuple[Camera, ...], *, findings: tuple[str, ...] = (), unit: str | None = None
-) -> FileContents:
-    """Cameras alone."""
-    return FileContents(
-        format=format,
-        paths=(path,),
-        camera_names=tuple(camera.name for camera in cameras),
-        cameras=cameras,
-        findings=findings,
-        unit=unit,
-    )
-
-
 def _project(path: Path, _hints: Hints) -> FileContents:
     project = read_project(path, fps=1.0)
     try:
@@ -178,10 +146,7 @@ def _project(path: Path, _hints: Hints) -> FileContents:
         told, findings = None, []
     if not project.cameras:
         findings.append("the project has no DLT coefficients")
-    if project.offset_frames.any():
-        findings.append(
-            f"cameras are offset by {project.offset_frames.min():g} to {project.offset_frames.max():g} frames"
-        )
+    findings += filter(None, [_ahead(project.offset_frames)])
     recording = FileContents(
         format="dltdv-project",
         paths=(path,),
@@ -216,24 +181,24 @@ FORMATS = (
         name="dltdv-xyzres",
         title="triangulation residuals of DLTdv (flat CSV)",
         knows=_ends("_dltres"),
-        read=lambda path, _: table_recording(path, "dltdv-xyzres", "residual_px", ("_dltres",)),
+        read=lambda path, _: residuals(path, "dltdv-xyzres", "_dltres"),
     ),
     Format(
         name="dltdv-xyzci",
         title="95 % intervals of DLTdv (flat CSV)",
         knows=_ends("+-CI"),
-        read=lambda path, _: table_recording(path, "dltdv-xyzci", "interval", ("_X+-CI", "_Y+-CI", "_Z+-CI")),
+        read=_intervals,
     ),
     Format(
         name="dltdv-offsets",
         title="camera offsets of DLTdv (flat CSV)",
         knows=lambda head: bool(head.cells()) and all(re.fullmatch(r"cam\d+_offset", cell) for cell in head.cells()),
-        read=lambda path, _: offset_recording(path, "dltdv-offsets", r"cam(\d+)_offset"),
+        read=lambda path, _: offsets(path, "dltdv-offsets", r"cam(\d+)_offset"),
     ),
     Format(
         name="dltdv-coefficients",
         title="DLT coefficients (CSV, 11 rows, one column for each camera)",
         knows=_is_coefficients,
-        read=_coefficients,
+        read=lambda path, _: calibration_recording(path, "dltdv-coefficients", read_coefficients(path)),
     ),
 )

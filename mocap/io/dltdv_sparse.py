@@ -9,7 +9,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
-from mocap.io.contents import FileContents, pixel_recording, point_recording
+from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import numbers, read_lines
@@ -138,32 +138,17 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
             findings=tuple(told),
         )
     if kind == "offsets":
-        return FileContents(
-            format=f"{maker}-sparse",
-            paths=(path,),
-            frames=1 + np.arange(len(table)),
-            camera_names=tuple(f"cam{c + 1}" for c in range(table.shape[1])),
-            tables={"offset_frames": np.nan_to_num(table)},
-        )
+        cameras = tuple(f"cam{c + 1}" for c in range(table.shape[1]))
+        offset = {"offset_frames": np.nan_to_num(table)}
+        return table_recording(path, f"{maker}-sparse", camera_names=cameras, tables=offset)
     if kind in ("xyzpts", "xyzci") and table.shape[1] % 3:
         raise FormatError(f"{path.name}: {table.shape[1]} columns are not X, Y, Z of points: export it again")
+    values = table.reshape(len(table), -1, 3) if kind in ("xyzpts", "xyzci") else table
+    names = _names(path, kind or "", values.shape[1])
     if kind == "xyzpts":
-        xyz = table.reshape(len(table), -1, 3)
-        return point_recording(
-            path,
-            f"{maker}-sparse",
-            names=_names(path, kind, xyz.shape[1]),
-            xyz=xyz,
-            unit=None,
-        )
-    values = table.reshape(len(table), -1, 3) if kind == "xyzci" else table
-    return FileContents(
-        format=f"{maker}-sparse",
-        paths=(path,),
-        names=tuple(_names(path, kind or "", values.shape[1])),
-        frames=1 + np.arange(len(values)),
-        tables={"interval" if kind == "xyzci" else "residual_px": values},
-    )
+        return point_recording(path, f"{maker}-sparse", names=names, xyz=values, unit=None)
+    tables = {"interval" if kind == "xyzci" else "residual_px": values}
+    return table_recording(path, f"{maker}-sparse", names=names, tables=tables)
 
 
 FORMATS = (

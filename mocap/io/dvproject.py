@@ -1,6 +1,6 @@
 """Project files of DLTdv8 (``*dvProject.mat``: MATLAB 7.3, which is HDF5)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +9,9 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
 from mocap.cameras.lens import BrownLens
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
-from mocap.io.lines import one_line
 from mocap.io.optical import rate
 from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
@@ -154,12 +154,8 @@ def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[tuple[Camera
     cameras = []
     for c, (row, lens) in enumerate(zip(coefficients[()], lenses, strict=True)):
         camera = dlt_camera(f"cam{c + 1}", row, lens=None if lens is None else _brown(lens))
-        cameras.append(Camera(name=camera.name, matrix=camera.matrix, lens=camera.lens, size_px=_pair(sizes[c])))
+        cameras.append(replace(camera, size_px=(int(sizes[c][0]), int(sizes[c][1]))))
     return tuple(cameras), iterations.pop()
-
-
-def _pair(size: np.ndarray) -> tuple[int, int]:
-    return int(size[0]), int(size[1])
 
 
 def _tdata(path: Path, file: Any, data: Any, camera: int) -> Array | None:

@@ -4,7 +4,7 @@ Both are MATLAB files (Theriault et al. 2014, "A protocol and calibration method
 videography").
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -120,9 +120,7 @@ def _cameras(
     coefs = _numbers(path, table, "coefs", 11 * len(lenses)).reshape(11, len(lenses))
     cameras = []
     for c, (lens, size) in enumerate(zip(lenses, sizes, strict=True)):
-        plain = dlt_camera(f"cam{c + 1}", coefs[:, c])
-        lens = None if lens.is_identity else lens
-        cameras.append(Camera(name=plain.name, matrix=plain.matrix, lens=lens, size_px=size))
+        cameras.append(replace(dlt_camera(f"cam{c + 1}", coefs[:, c], lens=lens.if_bent), size_px=size))
     return tuple(cameras)
 
 

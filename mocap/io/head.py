@@ -48,14 +48,12 @@ class Head:
         """The first line."""
         return self.lines[0] if self.lines else ""
 
-    def cells(self, line: int = 0) -> tuple[str, ...]:
-        """The cells of a line of a CSV file; none where tabs, blanks or bars separate them."""
-        if line >= len(self.lines):
-            return ()
-        if "," not in self.lines[line] and any(len(re.split(r"[\s|]+", row.strip())) > 1 for row in self.lines[1:2]):
+    def cells(self) -> tuple[str, ...]:
+        """The cells of the first line of a CSV file; none where tabs, blanks or bars separate them."""
+        if "," not in self.first and any(len(re.split(r"[\s|]+", row.strip())) > 1 for row in self.lines[1:2]):
             return ()
         try:
-            row = next(csv.reader([self.lines[line]], skipinitialspace=True), [])
+            row = next(csv.reader([self.first], skipinitialspace=True), [])
         except csv.Error:
             return ()
         while row and not row[-1].strip():

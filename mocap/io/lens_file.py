@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.cameras.camera import decompose, pinhole_camera
+from mocap.cameras.camera import pinhole_camera, pinhole_lens
 from mocap.cameras.known_lens import KnownLens
-from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
 from mocap.io.anipose import camera_sections, read_calibration, write_calibration
 from mocap.schema import Entry, checked
@@ -58,10 +57,7 @@ def read_lenses(path: Path) -> tuple[KnownLens, ...]:
     cameras = read_calibration(path)
     out = []
     for camera, (_, section) in zip(cameras, camera_sections(path), strict=True):
-        lens = camera.lens
-        if lens is None:
-            k = decompose(camera).intrinsic
-            lens = BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2]))
+        lens = pinhole_lens(camera) if camera.lens is None else camera.lens
         again = f"its covariance is not that of its {lens.model} lens: calibrate the lenses again"
         schema = {
             "free": Entry(kind="i", shape=("free",), least=0, most=3 + lens.n_coefficients, rising=True, needed=False),

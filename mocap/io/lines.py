@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError
+from mocap.schema import LARGEST
 
-LARGEST = 1e19
-"""No number of a recording is larger; times in nanoseconds are not."""
 MOST_FRAMES = 10**9
 FRAMES = (
     r"(frames?|fnum|img|images?|pictures?|samples?|index|idx|timestamps?|bild)"
@@ -162,15 +161,3 @@ def image_numbers(names: Sequence[str]) -> list[int] | None:
     ends = [re.search(r"(\d{1,8})$", PurePath(name).stem) for name in names]
     numbers = [int(end[1]) for end in ends if end]
     return numbers if len(set(numbers)) == len(names) else None
-
-
-def one_line(error: Exception) -> str:
-    """What a library says, without its line ends."""
-    return " ".join(str(error).split())
-
-
-def points(values: Array, *, unit_m: float) -> Array:
-    """(T, 3 M) columns X, Y, Z of each marker to (T, M, 3) metres; NaN where a coordinate is missing."""
-    xyz = values.reshape(len(values), -1, 3) * unit_m
-    xyz[np.isnan(xyz).any(axis=-1)] = np.nan
-    return xyz

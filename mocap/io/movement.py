@@ -159,7 +159,7 @@ def write_movement(path: Path, recording: FileContents) -> None:
 
     if recording.points is not None:
         views, axes, t_s = [""], "xyz", recording.points.t_s
-        scale = metres(path, recording.unit) if recording.unit else 1.0
+        scale = recording.length_m(path)
         values = recording.points.xyz_m[None] / scale
     elif recording.pixels is not None:
         views, axes, t_s = list(recording.pixels.cameras), "xy", recording.pixels.t_s

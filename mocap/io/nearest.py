@@ -117,13 +117,12 @@ def _numbers(row: str, separator: str) -> bool:
     return sum(bool(re.fullmatch(r"[-+0-9.eE]+|nan|NaN|", cell)) for cell in cells) > len(cells) / 2
 
 
-def nearest(head: Head, formats: Sequence[Format], *, count: int = 3) -> list[Format]:
-    """The formats that share most words with the beginning of a file, its kind and its name.
+def nearest(head: Head, formats: Sequence[Format]) -> list[Format]:
+    """The three formats that share most words with the beginning of a file, its kind and its name.
 
     Args:
         head: The file's beginning.
         formats: Formats to choose from.
-        count: How many.
     """
     said = f"{looks_like(head)} {_SUFFIXES.get(head.path.suffix.lower().lstrip('.'), '')} {head.path.stem}"
     text = said + " " + " ".join(head.lines[:40])
@@ -135,8 +134,7 @@ def nearest(head: Head, formats: Sequence[Format], *, count: int = 3) -> list[Fo
         weights = (KIND if sign in kinds else 2.0 if len(sign) > 4 else 1.0 for sign in signs & found)
         return sum(weights) / (3 + len(signs)) ** 0.5
 
-    ranked = sorted((f for f in formats if f.name != "dltdv"), key=lambda f: -score(f))
-    return ranked[:count]
+    return sorted((f for f in formats if f.name != "dltdv"), key=lambda f: -score(f))[:3]
 
 
 def _words(text: str) -> set[str]:

@@ -20,10 +20,10 @@ from eal.arrays import Array
 from eal.needs import needs
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
-from mocap.io.lines import one_line
 from mocap.io.optical import UNIT_M, rate_of_times, told_apart
 from mocap.records import Status
 

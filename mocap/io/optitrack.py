@@ -9,7 +9,7 @@ import numpy as np
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Format
-from mocap.io.lines import frame_numbers, numbers, points, read_lines
+from mocap.io.lines import frame_numbers, numbers, read_lines
 from mocap.io.optical import rate, told_apart
 
 KINDS = (("marker",), ("rigid body marker", "bone marker"), ("rigid body", "bone"))
@@ -66,7 +66,7 @@ def read_csv(path: Path) -> FileContents:
         path,
         "optitrack-csv",
         names=known,
-        xyz=points(np.ascontiguousarray(values[:, columns]), unit_m=1.0),
+        xyz=np.ascontiguousarray(values[:, columns]),
         unit=_UNITS[unit.lower()],
         frames=frames,
         first=0,

@@ -6,12 +6,10 @@ JOSS 7, 4362), but for distortions: QTM's are without unit and are not divided b
 map recorded pixels to ideal ones.
 """
 
-import io
 import pickle
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,10 +19,10 @@ from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.encoding import decoded
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents
-from mocap.io.dltdv_files import calibration_recording
+from mocap.io.contents import FileContents, calibration_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
+from mocap.io.pickles import plain_pickle
 
 SUBPIXELS = 64
 """QTM counts sensors of its cameras in 64ths of a pixel."""
@@ -62,18 +60,24 @@ def _root(path: Path) -> ElementTree.Element:
 
 
 def _camera(
-    path: Path, name: str, *, intrinsic: Array, rotation: Array, translation_m: Array, lens: BrownLens, size: Array
+    path: Path, name: str, matrix: Array, rotation: Array, translation_m: Array, bend: Array, size: Array
 ) -> Camera:
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-2) or intrinsic[0, 0] <= 0 or intrinsic[1, 1] <= 0:
+    """A camera with Brown's lens of at most five coefficients ``bend`` in OpenCV's order; the others are 0."""
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-2) or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise FormatError(f"{path.name}: camera {name}: no rotation, or no focal length: calibrate again")
     return pinhole_camera(
         name,
-        intrinsic=intrinsic,
+        intrinsic=matrix,
         rotation=rotation,
         translation_m=translation_m,
-        lens=None if lens.is_identity else lens,
+        lens=_brown(matrix, bend).if_bent,
         size_px=(round(float(size[0])), round(float(size[1]))),
     )
+
+
+def _brown(matrix: Array, bend: Array) -> BrownLens:
+    bend = np.ravel(bend)[:5]
+    return BrownLens.of((matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), np.pad(bend, (0, 5 - len(bend))))
 
 
 def _matrix(fu: float, fv: float, cu: float, cv: float) -> Array:
@@ -112,12 +116,8 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
         axes = np.array(_numbers(path, f"camera {name}", transform.attrib, rows)).reshape(3, 3)
         place = np.array(_numbers(path, f"camera {name}", transform.attrib, "x y z")) / 1000
         rotation = np.diag([1.0, -1.0, -1.0]) @ axes
-        lens = BrownLens.of((matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), (k1, k2, p1, p2, k3))
-        cameras.append(
-            _camera(
-                path, name, intrinsic=matrix, rotation=rotation, translation_m=-rotation @ place, lens=lens, size=size
-            )
-        )
+        bend = np.array([k1, k2, p1, p2, k3])
+        cameras.append(_camera(path, name, matrix, rotation, -rotation @ place, bend, size))
         if section.get("viewrotation", "0") != "0":
             turned.append(f"{name} by {section.get('viewrotation')} degrees")
     if not cameras:
@@ -165,22 +165,18 @@ def _vicon(path: Path, _hints: Hints) -> FileContents:
         matrix = _matrix(focal, focal / aspect, centre[0], centre[1])
         radial = (frame.get("VICON_RADIAL2") or "").split()[3:] or (frame.get("VICON_RADIAL") or "").split()
         radial = [*several(" ".join(radial[:3]), len(radial[:3]), "VICON_RADIAL"), 0.0, 0.0, 0.0][:3]
-        lens = _brown(matrix, size, np.array(radial))
-        cameras.append(
-            _camera(
-                path, name, intrinsic=matrix, rotation=rotation, translation_m=-rotation @ place, lens=lens, size=size
-            )
-        )
+        bend = _nearest_brown(matrix, size, np.array(radial))
+        cameras.append(_camera(path, name, matrix, rotation, -rotation @ place, bend, size))
     if not cameras:
         raise FormatError(f"{path.name}: no camera with a KeyFrame: calibrate in Vicon and save the .xcp again")
     told = () if films else ("no camera is called a video camera: all cameras are read",)
     return calibration_recording(path, "vicon-calibration", tuple(cameras), unit="mm", findings=told)
 
 
-def _brown(matrix: Array, size: Array, radial: Array) -> BrownLens:
-    """Brown's lens nearest to Vicon's, which multiplies offsets from the centre by 1 + a r^2 + b r^4 + c r^6.
+def _nearest_brown(matrix: Array, size: Array, radial: Array) -> Array:
+    """k1, k2, 0, 0, k3 of Brown's lens nearest to Vicon's, by least squares over radii that the picture has.
 
-    r is in pixels, of the recorded picture; least squares over radii that the picture has.
+    Vicon's multiplies offsets from the centre by 1 + a r^2 + b r^4 + c r^6, r in pixels of the recorded picture.
     """
     f, centre = matrix[0, 0], matrix[:2, 2]
     corner = float(np.linalg.norm(np.maximum(centre, size - centre)))
@@ -188,7 +184,7 @@ def _brown(matrix: Array, size: Array, radial: Array) -> BrownLens:
     ideal = recorded * (1 + radial[0] * recorded**2 + radial[1] * recorded**4 + radial[2] * recorded**6) / f
     powers = np.stack([ideal**3, ideal**5, ideal**7], axis=1)
     k = np.linalg.lstsq(powers, recorded / f - ideal, rcond=None)[0] if radial.any() else np.zeros(3)
-    return BrownLens(f_px=(f, matrix[1, 1]), centre_px=(centre[0], centre[1]), k=(k[0], k[1], k[2]))
+    return np.array([k[0], k[1], 0.0, 0.0, k[2]])
 
 
 def _matrices(path: Path) -> dict[str, Array]:
@@ -219,24 +215,16 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
     cameras, lenses = [], []
     for name in names:
         matrix = found[f"K_{name}"]
-        dist = np.ravel(found.get(f"dist_{name}", np.zeros(5)))[:5]
+        bend = found.get(f"dist_{name}", np.zeros(5))
         if matrix.shape != (3, 3):
             raise FormatError(f"{path.name}: K_{name} is {matrix.shape}, expected 3 x 3: calibrate again")
-        lens = BrownLens.of(
-            (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), np.pad(dist, (0, 5 - len(dist)))
-        )
-        lenses.append((lens, None))
+        lenses.append((_brown(matrix, bend), None))
         shift = found.get(f"T_{name}")
         rotation = found.get(f"Rot_{name}", found.get(f"R_{name}"))
         if shift is None or rotation is None:
             continue
         rotation = Rotation.from_rotvec(np.ravel(rotation)).as_matrix() if rotation.size == 3 else rotation
-        size = 2 * matrix[:2, 2]
-        cameras.append(
-            _camera(
-                path, name, intrinsic=matrix, rotation=rotation, translation_m=np.ravel(shift), lens=lens, size=size
-            )
-        )
+        cameras.append(_camera(path, name, matrix, rotation, np.ravel(shift), bend, 2 * matrix[:2, 2]))
     if len(cameras) == len(names):
         told = "picture sizes are not in the file: twice the principal point is taken"
         return calibration_recording(path, "easymocap", tuple(cameras), unit="m", findings=(told,))
@@ -249,22 +237,12 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
     )
 
 
-class _OnlyArrays(pickle.Unpickler):
-    """Unpickles arrays, lists and dictionaries, and nothing that runs."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        allowed = {"_reconstruct", "ndarray", "dtype", "scalar", "_frombuffer"}
-        if module.split(".")[0] == "numpy" and name in allowed:
-            return super().find_class(module, name)
-        raise pickle.UnpicklingError(f"{module}.{name}")
-
-
 def _opencap(path: Path, _hints: Hints) -> FileContents:
     """OpenCap: a pickle a camera (``cameraIntrinsicsExtrinsics.pickle``), its name that of the folder; millimetres."""
     try:
-        table = _OnlyArrays(io.BytesIO(path.read_bytes())).load()
+        table = plain_pickle(path.read_bytes())
         matrix = np.array(table["intrinsicMat"], dtype=float).reshape(3, 3)
-        dist = np.ravel(np.array(table["distortion"], dtype=float))[:5]
+        bend = np.array(table["distortion"], dtype=float)
         size = np.ravel(np.array(table["imageSize"], dtype=float))[::-1]
         rotation = np.array(table["rotation"], dtype=float).reshape(3, 3)
         shift = np.ravel(np.array(table["translation"], dtype=float)) / 1000
@@ -273,16 +251,7 @@ def _opencap(path: Path, _hints: Hints) -> FileContents:
             f"{path.name}: not a camera of OpenCap ({error}): expected intrinsicMat, distortion, imageSize, rotation "
             "and translation"
         ) from None
-    lens = BrownLens.of((matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), np.pad(dist, (0, 5 - len(dist))))
-    camera = _camera(
-        path,
-        path.absolute().parent.name,
-        intrinsic=matrix,
-        rotation=rotation,
-        translation_m=shift,
-        lens=lens,
-        size=size,
-    )
+    camera = _camera(path, path.absolute().parent.name, matrix, rotation, shift, bend, size)
     told = "the world is that of OpenCap's board, which stands upright: y or z of the board may point down"
     return calibration_recording(path, "opencap", (camera,), unit="mm", findings=(told,))
 

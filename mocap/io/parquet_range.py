@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError, MocapError
-from mocap.io.tables import EDITED, REPAIRED, WORDS
-from mocap.records import MarkerTracks, Status
+from mocap.io.tables import EDITED, REPAIRED, codes
+from mocap.records import MarkerTracks
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -122,14 +122,8 @@ class ParquetPoints:
         elif "sd_m" in self._columns:
             cov = column("sd_m")[..., None, None] ** 2 * np.eye(3)
         origin = table.column("origin").cast(pa.string()).combine_chunks().dictionary_encode()
-        codes = {str(word): code for code, word in enumerate(WORDS)}
-        codes |= dict.fromkeys((REPAIRED, EDITED), int(Status.MEASURED))
-        words = origin.dictionary.to_pylist()
-        odd = [word for word in words if word not in codes]
-        if odd:
-            raise FormatError(f"{self.path.name}: the origin {odd[0]!r} is none of {', '.join(codes)}")
-        index = origin.indices.to_numpy().reshape(shape)
-        status = np.array([codes[word] for word in words], dtype=np.int8)[index]
+        words, index = origin.dictionary.to_pylist(), origin.indices.to_numpy().reshape(shape)
+        status = codes(self.path, words)[index]
         repaired = np.array([{REPAIRED: 1, EDITED: 2}.get(word, 0) for word in words], dtype=np.int8)[index]
         t_s = column("t_s")[:, 0]
         return MarkerTracks(names=self.names, t_s=t_s, xyz_m=xyz, cov_m2=cov, status=status), repaired

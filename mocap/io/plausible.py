@@ -8,6 +8,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 from mocap.io.placeholders import without_placeholders
+from mocap.schema import not_covariances
 from mocap.text import visible
 
 _FARTHEST_M = 1e8
@@ -101,25 +102,16 @@ def _check_size(recording: FileContents, which: str, values: Array, most: float,
 def _check_covariances(recording: FileContents, cov: Array) -> None:
     """(T, M, 3, 3) covariances, where they are known, are symmetric and have no negative variance in any direction.
 
-    Their determinants of order 1, 2 and 3 are not below 0 (Sylvester), to the rounding of the numbers.
-
     Raises:
         FormatError: one is not; the message names marker and frame.
     """
     known = ~np.isnan(cov[..., 0, 0])
-    if not known.any():
-        return
-    given = cov[known]
-    scale = np.abs(given).max(axis=(1, 2))
-    least = -1e-9
     with np.errstate(all="ignore"):
-        unit = given / np.where(scale > 0, scale, 1.0)[:, None, None]
-        symmetric = np.abs(unit - np.swapaxes(unit, 1, 2)).max(axis=(1, 2)) <= -least
-        minors = [unit[:, i, i] * unit[:, j, j] - unit[:, i, j] ** 2 for i, j in ((0, 1), (0, 2), (1, 2))]
-        proper = (np.stack([*np.diagonal(unit, axis1=1, axis2=2).T, *minors, np.linalg.det(unit)]) >= least).all(axis=0)
-    wrong = ~(symmetric & proper & np.isfinite(scale) & (scale < _FARTHEST_M**2))
+        size = np.abs(cov).max(axis=(-1, -2))
+    wrong = known & ~(size < _FARTHEST_M**2)
+    wrong[known & ~wrong] = not_covariances(cov[known & ~wrong])
     if wrong.any():
-        row, marker = np.argwhere(known)[np.argmax(wrong)]
+        row, marker = np.argwhere(wrong)[0]
         raise FormatError(
             f"{recording.paths[0].name}: the covariance of marker {recording.names[marker]!r} in frame "
             f"{recording.frames[row]} is not a covariance (not positive definite): {np.array2string(cov[row, marker])}"

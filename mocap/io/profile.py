@@ -17,8 +17,8 @@ from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError, FormatError
 from mocap.io import lines
-from mocap.io.contents import FileContents
-from mocap.io.dltdv_files import calibration_recording, is_number_row
+from mocap.io.contents import FileContents, calibration_recording
+from mocap.io.dltdv_files import is_number_row
 from mocap.io.easywand import read_tform
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head, head
@@ -142,7 +142,7 @@ def read_sba_profile(path: Path) -> tuple[Camera, ...]:
                 intrinsic=lens.intrinsic,
                 rotation=Rotation.from_quat([q1, q2, q3, q0]).as_matrix(),
                 translation_m=np.array(shift),
-                lens=None if lens.is_identity else lens,
+                lens=lens.if_bent,
             )
         )
     return tuple(cameras)
@@ -156,7 +156,7 @@ def with_profile(cameras: Sequence[Camera], path: Path) -> tuple[Camera, ...]:
     """
     if "camud" in head(path).mat:
         lens, _ = read_tform(path)
-        return tuple(replace(camera, lens=None if lens.is_identity else lens) for camera in cameras)
+        return tuple(replace(camera, lens=lens.if_bent) for camera in cameras)
     lenses = read_profile(path)
     if len(lenses) != len(cameras):
         raise CalibrationError(
@@ -164,7 +164,7 @@ def with_profile(cameras: Sequence[Camera], path: Path) -> tuple[Camera, ...]:
             "profile that belongs to the same calibration"
         )
     pairs = zip(cameras, lenses, strict=True)
-    return tuple(replace(c, lens=None if lens.is_identity else lens, size_px=size) for c, (lens, size) in pairs)
+    return tuple(replace(c, lens=lens.if_bent, size_px=size) for c, (lens, size) in pairs)
 
 
 def write_profile(path: Path, cameras: Sequence[Camera]) -> None:

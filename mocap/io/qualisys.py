@@ -8,10 +8,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.contents import Bodies, FileContents, point_recording
+from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
-from mocap.io.lines import frame_numbers, numbers, points, read_lines
+from mocap.io.lines import frame_numbers, numbers, read_lines
 from mocap.io.matlab import variables
 from mocap.io.optical import rate
 from mocap.io.rigid import fixed_markers
@@ -68,7 +68,7 @@ def read_tsv(path: Path) -> FileContents:
         path,
         "qualisys-tsv",
         names=names,
-        xyz=points(values[:, 2:], unit_m=1.0),
+        xyz=values[:, 2:],
         unit="mm",
         frames=frame_numbers(path, values[:, 0], first_line=start + 1),
         fps=fps,
@@ -121,11 +121,11 @@ def read_6d(path: Path) -> FileContents:
     places = np.stack([values[:, i : i + 3] for i in first], axis=1)
     turns = np.stack([values[:, i : i + 9] for i in turn], axis=1)
     frames = frame_numbers(path, values[:, 0], first_line=start + 2) if titles[0] == "Frame" else None
-    return FileContents(
-        format="qualisys-6d",
-        paths=(path,),
-        names=tuple(names),
-        frames=1 + np.arange(len(values)) if frames is None else frames,
+    return table_recording(
+        path,
+        "qualisys-6d",
+        names=names,
+        frames=frames,
         fps=rate(path, head.get("FREQUENCY", [""])[0]),
         unit="mm",
         tables={"transforms": _transforms(places, turns)},

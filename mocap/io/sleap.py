@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
-from mocap.io.lines import one_line
-from mocap.io.optical import metres
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
@@ -210,8 +209,7 @@ def _write_points(path: Path, recording: FileContents) -> list[str]:
     if recording.points is None:
         raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} contains none")
     _, parts, _ = recording.grid()
-    scale = metres(path, recording.unit) if recording.unit else 1.0
-    path.write_bytes(_as_hdf5({"tracks": _spread(recording, recording.points.xyz_m / scale)}))
+    path.write_bytes(_as_hdf5({"tracks": _spread(recording, recording.points.xyz_m / recording.length_m(path))}))
     return [f"the format has no names; its nodes are in this order: {', '.join(parts)}"]
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, point_recording
+from mocap.io.contents import FileContents, point_recording, table_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.lines import numbers, points, read_lines
+from mocap.io.lines import numbers, read_lines
 from mocap.io.optical import rate_of_times
 
 _HEAD = 200
@@ -54,15 +54,14 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     if vectors:
         unit = said.get("Units", "").lower() or None
         return point_recording(
-            path, "opensim-storage", names=names, xyz=points(values[:, 1:], unit_m=1.0), unit=unit, fps=fps,
+            path, "opensim-storage", names=names, xyz=values[:, 1:], unit=unit, fps=fps,
             t_s=values[:, 0], findings=tuple(findings),
         )  # fmt: skip
     angles = {"yes": "angles are in degrees", "no": "angles are in radians"}.get(said.get("inDegrees", "").lower())
-    return FileContents(
-        format="opensim-storage",
-        paths=(path,),
-        names=tuple(names),
-        frames=1 + np.arange(len(values)),
+    return table_recording(
+        path,
+        "opensim-storage",
+        names=names,
         fps=fps,
         tables={"quantities": values[:, 1:], "time_s": values[:, 0]},
         findings=(*findings, "coordinates, forces or states, not positions", *([angles] if angles else [])),

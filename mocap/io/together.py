@@ -44,13 +44,15 @@ def _one_set_of_lenses(recordings: Sequence[FileContents]) -> list[FileContents]
     if all(numbers):
         order = np.argsort([int(number[1]) for number in numbers if number])
         single = [single[i] for i in order]
-    whole = replace(
-        single[0],
-        paths=tuple(path for r in single for path in r.paths),
-        camera_names=tuple(f"cam{c + 1}" for c in range(len(single))),
-        lenses=tuple(r.lenses[0] for r in single),
-        findings=tuple(dict.fromkeys(f for r in single for f in r.findings)),
-    )
+    names = tuple(f"cam{c + 1}" for c in range(len(single)))
+    return _as_one(recordings, single, camera_names=names, lenses=tuple(r.lenses[0] for r in single))
+
+
+def _as_one(recordings: Sequence[FileContents], single: Sequence[FileContents], **parts: object) -> list[FileContents]:
+    """The recordings with some of them as one, which has other parts."""
+    paths = tuple(path for r in single for path in r.paths)
+    findings = tuple(dict.fromkeys(f for r in single for f in r.findings))
+    whole = replace(single[0], paths=paths, findings=findings, **parts)  # type: ignore[arg-type]
     return [*(r for r in recordings if r not in single), whole]
 
 
@@ -74,14 +76,7 @@ def _one_rig(recordings: Sequence[FileContents]) -> list[FileContents]:
         raise FormatError(
             f"{single[0].paths[0].name}: two cameras are called {max(names, key=names.count)!r}: rename one"
         )
-    whole = replace(
-        single[0],
-        paths=tuple(path for r in single for path in r.paths),
-        camera_names=tuple(names),
-        cameras=tuple(r.cameras[0] for r in single),
-        findings=tuple(dict.fromkeys(f for r in single for f in r.findings)),
-    )
-    return [*(r for r in recordings if r not in single), whole]
+    return _as_one(recordings, single, camera_names=tuple(names), cameras=tuple(r.cameras[0] for r in single))
 
 
 def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -> FileContents:
@@ -276,7 +271,7 @@ def _tables(base: FileContents, other: FileContents, where: str) -> dict[str, Ar
 
 def _with_lenses(recording: FileContents) -> FileContents:
     cameras = [
-        replace(camera, lens=None if lens.is_identity else lens, size_px=size or camera.size_px)
+        replace(camera, lens=lens.if_bent, size_px=size or camera.size_px)
         for camera, (lens, size) in zip(recording.cameras, recording.lenses, strict=True)
     ]
     return replace(recording, cameras=tuple(cameras))

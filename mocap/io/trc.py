@@ -10,7 +10,7 @@ from mocap.errors import FormatError
 from mocap.io.cells import as_cell, from_cell
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.format import Format, Hints
-from mocap.io.lines import frame_numbers, number, numbers, points, read_lines
+from mocap.io.lines import frame_numbers, number, numbers, read_lines
 from mocap.io.optical import metres, rate_of_times, told_apart, unit_of
 
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
@@ -64,7 +64,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     frames, times = values[:, 0], values[:, 1]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
-    xyz = points(values[:, 2:], unit_m=1.0)
+    xyz = values[:, 2:]
     fps, said = _rate(path, times, head.get("DataRate", ""))
     findings += said
     if str(len(rows)) != head.get("NumFrames"):

@@ -6,10 +6,9 @@ They have spaces or other separators, another word for the camera, or lower and 
 import re
 from pathlib import Path
 
-import numpy as np
-
 from mocap.errors import FormatError
 from mocap.io.argus import PIXEL as ARGUS
+from mocap.io.columns import Key, laid_out
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv_files import PIXEL, names_of
@@ -27,17 +26,14 @@ _TITLES = (
 _PIXELS = re.compile(r"\s*[\[(](px|pix|pixels?)[\])]", re.IGNORECASE)
 _SPACES = re.compile(r"\s+")
 
-Column = tuple[str, int, int]
-"""Marker, camera and axis of a column."""
 
-
-def columns_of(titles: tuple[str, ...]) -> dict[Column, int]:
+def columns_of(titles: tuple[str, ...]) -> dict[Key, int]:
     """Where each coordinate is; empty where a title is none, or a marker lacks one in some camera.
 
     Names that differ in case or in how many spaces they have are one where they complete each other, else two.
     """
     for alike in (str, str.casefold):
-        found: dict[Column, int] = {}
+        found: dict[Key, int] = {}
         spelt: dict[str, str] = {}
         for place, title in enumerate(titles):
             if is_frame(title) or seconds_of(title):
@@ -47,11 +43,11 @@ def columns_of(titles: tuple[str, ...]) -> dict[Column, int]:
             if match is None:
                 return {}
             name = spelt.setdefault(alike(match["name"]), match["name"])
-            key = (name, int(match["camera"]), "xyuv".index(match["axis"].lower()) % 2)
+            key = (int(match["camera"]), name, "xyuv".index(match["axis"].lower()) % 2)
             if key in found:
                 return {}
             found[key] = place
-        cameras, names = {camera for _, camera, _ in found}, set(spelt.values())
+        cameras, names = {camera for camera, _, _ in found}, set(spelt.values())
         if found and len(found) == 2 * len(cameras) * len(names):
             return found
     return {}
@@ -68,10 +64,6 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         raise FormatError(
             f"{path.name}: titles {', '.join(header[:4])}, ...; expected marker, camera and axis: tip cam1 X"
         )
-    names, cameras = list(dict.fromkeys(name for name, _, _ in where)), sorted({camera for _, camera, _ in where})
-    order = [where[name, camera, axis] for camera in cameras for name in names for axis in (0, 1)]
-    uv = values[:, order].reshape(len(values), len(cameras), len(names), 2)
-    uv = np.where(np.isnan(uv).any(axis=-1, keepdims=True), np.nan, uv)
     plain = [title.lower() for title in header]
     frame = next((values[:, c] for c, title in enumerate(plain) if is_frame(title)), None)
     time = next((values[:, c] * s for c, title in enumerate(plain) if (s := seconds_of(title))), None)
@@ -79,13 +71,13 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     fps, told = (None, []) if time is None else rate_of_times(path, time)
     first = next(iter(where))
     title = header[where[first]]
-    said = f"titles were typed: {title!r} is read as marker {first[0]!r}, camera {first[1]}, {'xy'[first[2]]}"
+    said = f"titles were typed: {title!r} is read as marker {first[1]!r}, camera {first[0]}, {'xy'[first[2]]}"
     return pixel_recording(
         path,
         "typed-pixels",
-        names=names,
-        cameras=[f"cam{camera}" for camera in cameras],
-        uv_px=np.moveaxis(uv, 1, 0),
+        names=list(dict.fromkeys(name for _, name, _ in where)),
+        cameras=[f"cam{camera}" for camera in sorted({camera for camera, _, _ in where})],
+        uv_px=laid_out(values, where, 2),
         frames=frames,
         first=1 if frames is None else int(frames[0]),
         fps=fps,

@@ -7,7 +7,7 @@ import numpy as np
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Format
-from mocap.io.lines import frame_numbers, number, numbers, points, read_lines
+from mocap.io.lines import frame_numbers, number, numbers, read_lines
 from mocap.io.optical import rate
 
 
@@ -67,7 +67,7 @@ def read_csv(path: Path) -> FileContents:
         path,
         "vicon-csv",
         names=names,
-        xyz=points(values[:, [2 + i + k for i in named for k in range(3)]], unit_m=1.0),
+        xyz=values[:, [2 + i + k for i in named for k in range(3)]],
         unit=units.pop(),
         frames=frame_numbers(path, values[:, 0], first_line=start + 6),
         fps=rate(path, head[0][0]),

@@ -10,8 +10,8 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.argus import xyz_columns
-from mocap.io.contents import FileContents, pixel_recording, point_recording
+from mocap.io.columns import by_title
+from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv import read_pixels
 from mocap.io.dltdv_files import PIXEL, names_of
@@ -19,6 +19,8 @@ from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, read_lines
 
+_PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XY])")
+_POINT = re.compile(r"(?P<name>.+)(?P<axis>_[XYZ])")
 _OFFSETS = re.compile(r"(?:cam\d+_offset)+")
 BODY_ENTRIES = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
 _ACS = ("rxx", "rxy", "rxz", "rx0", "ryx", "ryy", "ryz", "ry0", "rzx", "rzy", "rzz", "rz0", "tx", "ty", "tz", "t1")
@@ -41,27 +43,18 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
         pixels = read_pixels(path, fps=1.0)
         names, cameras, uv = pixels.names, pixels.cameras, pixels.uv_px
     else:
-        names, cameras, uv = _with_offsets(path, lines, glued)
+        names, numbered, uv = _with_offsets(path, lines, glued)
+        cameras = [f"cam{number}" for number in numbered]
     return pixel_recording(path, "xmalab-2d", names=names, cameras=cameras, uv_px=uv, findings=(_NO_PIXELS,))
 
 
-def _with_offsets(path: Path, lines: list[str], glued: re.Match[str]) -> tuple[list[str], list[str], Array]:
+def _with_offsets(path: Path, lines: list[str], glued: re.Match[str]) -> tuple[tuple[str, ...], list[int], Array]:
     """Names, cameras and (C, T, M, 2) pixels where offset columns come first, whose titles lack their commas."""
     count = glued[0].count("_offset")
-    titles = lines[0][glued.end() :].lstrip(",").split(",")
-    matches = [re.fullmatch(r"(.+)_cam(\d+)_([XY])", title.strip()) for title in titles]
-    if not all(matches) or len(titles) % (2 * count):
-        raise FormatError(
-            f"{path.name}: {len(titles)} columns after {count} offsets; expected name_cam1_X, name_cam1_Y"
-        )
-    names = list(dict.fromkeys(match[1] for match in matches if match))
-    expected = [f"{name}_cam{c + 1}_{axis}" for name in names for c in range(count) for axis in "XY"]
-    if [title.strip() for title in titles] != expected:
-        raise FormatError(f"{path.name}: columns are not X and Y of {count} cameras for each marker: export it again")
+    titles = [title.strip() for title in lines[0][glued.end() :].lstrip(",").split(",")]
     rows = [line for line in lines[1:] if line.strip()]
-    values = numbers(path, rows, separator=",", columns=count + len(titles), first_line=2)
-    uv = values[:, count:].reshape(len(values), len(names), count, 2)
-    return names, [f"cam{c + 1}" for c in range(count)], np.transpose(uv, (2, 0, 1, 3))
+    values = numbers(path, rows, separator=",", columns=count + len(titles), first_line=2)[:, count:]
+    return by_title(path, (titles, values), _PIXEL, ["_X", "_Y"], expected=f"name_cam1_X after {count} offsets")
 
 
 def _cut_off(names: list[str]) -> tuple[list[str], str | None]:
@@ -82,8 +75,9 @@ def _is_points(head: Head) -> bool:
 def _points(path: Path, _hints: Hints) -> FileContents:
     header, values = read_table(path)
     frames, header, values = _frames(path, header, values)
-    names, xyz = xyz_columns(path, header, values, ends=("_X", "_Y", "_Z"))
-    names, hertz = _cut_off(names)
+    axes = ["_X", "_Y", "_Z"]
+    names, _, (xyz,) = by_title(path, (header, values), _POINT, axes, expected="names like tip_X")
+    names, hertz = _cut_off(list(names))
     findings = list[str]()
     if hertz is not None:
         findings.append(f"points were low-pass filtered at {hertz} Hz by XMALab")
@@ -140,11 +134,11 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     findings += [
         f"transforms were low-pass filtered at {f[1:-2]} Hz by XMALab" for f in sorted(f for f in filters if f)
     ]
-    return FileContents(
-        format="xmalab-rigid-bodies",
-        paths=(path,),
-        names=tuple(names),
-        frames=1 + np.arange(len(values)) if frames is None else frames,
+    return table_recording(
+        path,
+        "xmalab-rigid-bodies",
+        names=names,
+        frames=frames,
         tables={"transforms": matrices},
         findings=tuple(findings),
     )

@@ -19,11 +19,12 @@ from mocap.cleaning.position_noise import position_sd
 from mocap.cleaning.robust_rays import LEAST_PX, student_t
 from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
-from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers
+from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.pipeline import sentences
 from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.by_hand import with_hand, without_hand
 from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
@@ -56,7 +57,8 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
         return _plane(recording)
     if not recording.filmed:
         return _positions(recording, _seen_points(recording), first)
-    return _film(with_ideal_pixels(recording), first)
+    done = _film(with_ideal_pixels(without_hand(recording)), first)
+    return with_hand(done, recording, first=first)
 
 
 def _seen_points(recording: Recording) -> MarkerTracks:
@@ -108,7 +110,8 @@ def _film(recording: Recording, first: int) -> Recording:
     film, found, swaps, doubtful, worse = named.film, named.found, named.swaps, named.doubtful, named.relative
     matrices, ideal = film.matrices, film.ideal_px
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
-    cleaning = cleaned_positions(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
+    xyz = np.where(doubtful[..., None], np.nan, found.xyz_m)
+    cleaning = cleaned_positions(xyz, sd, t_s, skeleton, names, certain=film.edited)
     uv = np.where((found.rejected | cleaning.any | doubtful)[..., None], np.nan, ideal)
     if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
         raise CalibrationError(
@@ -197,14 +200,16 @@ def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Record
     names, plane, skeleton = tracks.names, recording.plane, recording.skeleton
     sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
-    xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
-    xyz = np.where(named.unsure[..., None], np.nan, xyz)
+    swaps, _ = without_edited(named.swaps, recording.edited)
+    xyz, sd = exchange(tracks.xyz_m, swaps), exchange(sd, swaps)
+    doubtful = named.unsure & ~recording.edited
+    xyz = np.where(doubtful[..., None], np.nan, xyz)
     length = "mm" if plane is None else plane.length
     jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names, first=first, length=length))
-    cleaning = cleaned_positions(xyz, sd, tracks.t_s, skeleton, names)
+    cleaning = cleaned_positions(xyz, sd, tracks.t_s, skeleton, names, certain=recording.edited)
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     nowhere = np.zeros(xyz.shape[:2], dtype=bool)
-    rejected = {"rays_miss": nowhere, **dict.fromkeys(DOUBTFUL, named.unsure), **cleaning.rejected}
+    rejected = {"rays_miss": nowhere, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected}
     done = recording.having(
         rejected=rejected,
         position=xyz,
@@ -216,13 +221,13 @@ def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Record
         done,
         cleaned=True,
         cameras=(),
-        swaps=named.swaps,
+        swaps=tuple(swaps),
         audited=jumps,
         findings=(
             *recording.findings,
             sentences.position_noise(sd[tracks.seen], plane),
             *jumps,
-            *sentences.exchange_findings(named.swaps, named.unsure, names, (), first=first),
+            *sentences.exchange_findings(swaps, doubtful, names, (), first=first),
             *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
             *sentences.never_seen(xyz, names, plane),
             *sentences.never_together(xyz),
@@ -271,15 +276,18 @@ def _names_put_right(
     if rays and few:
         settled = settle_all(matrices, uv, rays, sd_px=found.sd_px, relative=relative, extent_px=extent_px(uv))
         uv, relative, rays, ambiguous = settled
-        ambiguous &= np.isfinite(uv[..., 0])
+        ambiguous &= np.isfinite(uv[..., 0]) & ~film.edited
         uv = np.where(ambiguous[..., None], np.nan, uv)
     elif rays:
         uv, relative = exchange_rays(uv, rays), exchange_rays(relative, rays)
+    rays, undone = without_edited(rays, film.edited)
+    uv, relative = exchange_rays(uv, undone), exchange_rays(relative, undone)
     if rays or ambiguous.any():
         found = triangulate.robust(matrices, uv, sd_px=found.sd_px, relative=relative)
     doubtful = ambiguous.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
-    swaps = [swap for swap in points.swaps if not (few and mixed(swap, rays, ambiguous))]
+    swaps, _ = without_edited(points.swaps, film.edited)
+    swaps = [swap for swap in swaps if not (few and mixed(swap, rays, ambiguous))]
     if swaps:
         uv, relative = exchange_rays(uv, swaps), exchange_rays(relative, swaps)
         found = replace(
@@ -293,7 +301,7 @@ def _names_put_right(
         film=film.having(ideal=uv),
         found=found,
         swaps=(*rays, *swaps),
-        doubtful=points.unsure | (exchange(doubtful.astype(float), swaps) > 0),
+        doubtful=(points.unsure & ~film.edited) | (exchange(doubtful.astype(float), swaps) > 0),
         ambiguous=ambiguous,
         relative=relative,
     )

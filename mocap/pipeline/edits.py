@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap import audit
 from mocap.cameras import triangulate
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
-from mocap.pipeline.recording import Recording, of_pixels, of_points
+from mocap.pipeline.by_hand import straightened, without_hand
+from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.tracking import Part, learn_motion, track, with_track
-from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
+from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.skeleton import Skeleton
 
 What = Literal["place", "unseen", "exchange", "delete", "undo"]
@@ -165,10 +165,11 @@ def edited(recording: Recording, edits: Sequence[Edit], *, where: str = "edits")
     filmed = "pixels" in recording.data
     values = np.array(recording.data["pixels" if filmed else "position"].values)
     score = None if recording.score is None else np.array(recording.score)
+    placed = np.full_like(values, np.nan)
     mask = np.zeros(values.shape[-3:-1], dtype=bool)
     for edit in standing(edits):
         try:
-            apply(edit, values, score, mask, recording)
+            apply(edit, values, score, placed, mask, recording)
         except MocapError as error:
             raise FormatError(f"{where}: {edit.what} of {edit.marker}, frame {edit.frame}: {error}") from None
     if not mask.any():
@@ -176,20 +177,31 @@ def edited(recording: Recording, edits: Sequence[Edit], *, where: str = "edits")
     changed: dict[str, Any] = {"edited": mask}
     changed |= {} if score is None else {"likelihood" if filmed else "confidence": score}
     if filmed:
-        return recording.having(pixels=values, **changed)
+        by_hand = np.isfinite(placed[..., 0])
+        if by_hand.any():
+            changed |= {"by_hand": by_hand, "overruled": np.where(by_hand[..., None], values, np.nan)}
+        return recording.having(pixels=np.where(by_hand[..., None], placed, values), **changed)
     gone = ~np.isfinite(values[..., 0])
     cov = np.where((mask | gone)[..., None, None], np.nan, recording.cov_m2)
     status = np.where(gone, Status.MISSING, Status.MEASURED).astype(np.int8)
     return recording.having(position=values, covariance=cov, status=status, **changed)
 
 
-def apply(edit: Edit, values: Array, score: Array | None, mask: NDArray[np.bool_], recording: Recording) -> None:
+def apply(
+    edit: Edit,
+    values: Array,
+    score: Array | None,
+    placed: Array,
+    mask: NDArray[np.bool_],
+    recording: Recording,
+) -> None:
     """Write one edit into arrays.
 
     Args:
         edit: Which; not ``undo``.
-        values: (C, T, M, 2) pixels, or (T, M, 3) positions.
+        values: (C, T, M, 2) pixels, or (T, M, 3) positions, but for what a person placed.
         score: (C, T, M) or (T, M), the program's own of each sample; None: it states none.
+        placed: Shaped as ``values``, what a person placed; NaN elsewhere.
         mask: (T, M) set where samples were changed.
         recording: Whose names and cameras they are.
 
@@ -214,12 +226,14 @@ def apply(edit: Edit, values: Array, score: Array | None, mask: NDArray[np.bool_
     if edit.what == "exchange":
         n = _index("marker", edit.other, names)
         to = (*at[:-1], n)
-        for array in (values, score):
+        for array in (values, score, placed):
             if array is not None:
                 array[at], array[to] = array[to].copy(), array[at].copy()
         mask[frames, n] = True
     else:
-        values[at] = np.nan if edit.what != "place" else edit.uv_px
+        placed[at] = np.nan if edit.what != "place" else edit.uv_px
+        if edit.what != "place":
+            values[at] = np.nan
         if score is not None:
             score[at] = 1.0 if edit.what == "place" else np.nan
     mask[frames, m] = True
@@ -231,17 +245,15 @@ def _index(kind: str, name: str | None, known: Sequence[str]) -> int:
     return list(known).index(name)
 
 
-def straightened(recording: Recording, uv_px: Array) -> Array:
-    """(C, T, M, 2) pixels of a recording as ideal ones, by what ``with_ideal_pixels`` decided of the whole."""
-    assert recording.rows is not None
-    ideal = recording.rows.ideal(recording.cameras, uv_px)
-    ideal = ideal if recording.lens is None else recording.lens.straight(ideal)
-    late = recording.late_frames
-    return ideal if late is None else audit.in_step(ideal, late)
-
-
 def resolved(
-    recording: Recording, tracks: MarkerTracks, *, sd_px: float, markers: Sequence[int], first: int, last: int
+    recording: Recording,
+    tracks: MarkerTracks,
+    *,
+    sd_px: float,
+    markers: Sequence[int],
+    first: int,
+    last: int,
+    cleaned: Recording | None = None,
 ) -> tuple[slice, MarkerTracks]:
     """Some markers again, in the frames around an edit: filtered as each by itself, with the noise of the whole.
 
@@ -255,6 +267,7 @@ def resolved(
         markers: Which.
         first: Row of the first edited frame.
         last: Row of the last.
+        cleaned: The whole, cleaned, with what a person placed (``mocap.pipeline.by_hand``); None: it is made.
 
     Returns:
         The frames, and what these markers do in them.
@@ -267,30 +280,22 @@ def resolved(
     names = tuple(recording.names[m] for m in which)
     bare = Skeleton(name="markers only", markers=names)
     measured = np.where((tracks.status == Status.MEASURED)[..., None], tracks.xyz_m, np.nan)[:, which]
-    cov = tracks.cov_m2[window][:, which]
     if seen.pixels is None:
+        cov = tracks.cov_m2[window][:, which]
         xyz = seen.xyz_m[:, which]
         own = np.where(np.isfinite(cov), cov, np.nanmedian(tracks.cov_m2[:, which], axis=(0, 1)))
         of = of_points(marker_tracks(names, seen.t_s, xyz, cov_m2=own), bare, name=recording.name)
         of = of.having(rejected={"rays_miss": np.zeros(xyz.shape[:2], dtype=bool)})
+        of = replace(of, cleaned=True)
     else:
-        uv = straightened(seen, seen.pixels.uv_px[:, :, which])
-        found = triangulate.robust(seen.matrices, uv, sd_px=sd_px)
-        xyz, believed = found.xyz_m, np.where(found.rejected[..., None], np.nan, uv)
-        pixels = PixelTracks(names=names, cameras=seen.camera_names, t_s=seen.t_s, uv_px=uv)
-        scale = np.full(uv.shape[:3], sd_px)
-        of = of_pixels(pixels, seen.cameras, bare, name=recording.name).having(
-            rejected={"rays_miss": found.rejected.any(axis=0) & np.isnan(xyz[..., 0])},
-            position=xyz,
-            covariance=found.cov_m2,
-            status=np.where(np.isfinite(xyz[..., 0]), Status.MEASURED, Status.MISSING).astype(np.int8),
-            ideal=uv,
-            believed=believed,
-            ray_sd=scale,
-            ray_scale=scale,
-            ray_rejected=found.rejected,
-        )
-    of = replace(of, cleaned=True, jitter_px=sd_px)
+        if cleaned is None:
+            from mocap.pipeline.cleaning import clean  # it takes what is read, and edits are read
+
+            cleaned = clean(recording)
+        data, noise = cleaned.data.isel(keypoint=which, time=window), cleaned.noise
+        noise = None if noise is None else replace(noise, marker=noise.marker[which])
+        of = replace(cleaned, data=data, skeleton=bare, swaps=(), audited=(), noise=noise)
+        of = _as_named(of, without_hand(seen), which, sd_px) if of.cameras else of
     if not np.isfinite(of.xyz_m[..., 0]).any():
         raise MocapError(f"nothing is seen of {', '.join(names)} in the frames around: place it in two cameras")
     part = Part(frames=slice(0, len(seen.t_s)), markers=np.arange(len(which)))
@@ -299,3 +304,20 @@ def resolved(
     long = Part(frames=slice(0, len(tracks.t_s)), markers=part.markers)
     model = replace(learn_motion(whole, long, "constant_velocity"), t_s=seen.t_s, rigid=None)
     return window, with_track(of, part, "constant_velocity", track(of, part, model)).tracks
+
+
+def _as_named(of: Recording, seen: Recording, which: NDArray[np.int64], sd_px: float) -> Recording:
+    """Some markers of a recording that was cleaned before a person exchanged or deleted some of it (``seen``)."""
+    new = seen.edited[:, which] & ~of.by_hand.any(axis=0)
+    if not new.any() or seen.pixels is None:
+        return of
+    own = straightened(seen, seen.pixels.uv_px[:, :, which])[:, None, new]
+    found = triangulate.robust(of.matrices, own, sd_px=sd_px)
+    uv, scale, xyz, cov, status = (
+        np.array(a) for a in (of.uv_px, of.ray_scale_px, of.xyz_m, of.cov_m2, of.data["status"].values)
+    )
+    uv[:, new], scale[:, new] = np.where(found.rejected[..., None], np.nan, own)[:, 0], sd_px
+    xyz[new], cov[new] = found.xyz_m[0], found.cov_m2[0]
+    status[new] = np.where(np.isfinite(xyz[new, 0]), Status.MEASURED, Status.MISSING)
+    rejected = {reason: mask & ~new for reason, mask in of.rejected.items()}
+    return of.having(believed=uv, ray_scale=scale, position=xyz, covariance=cov, status=status, rejected=rejected)

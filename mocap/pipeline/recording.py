@@ -395,6 +395,13 @@ class Recording:
         return self.data["edited"].values if "edited" in self.data else np.zeros(shape, dtype=bool)
 
     @property
+    def by_hand(self) -> NDArray[np.bool_]:
+        """(C, T, M) pixels that a person placed; C = 0 without cameras."""
+        sizes = self.data.sizes
+        none = np.zeros((sizes.get("view", 0), sizes["time"], sizes["keypoint"]), dtype=bool)
+        return self.data["by_hand"].values if "by_hand" in self.data else none
+
+    @property
     def camera_sd_px(self) -> Array:
         """(C,) standard deviation of a coordinate that informs as much as the mean ray of each camera; NaN: no ray."""
         seen = np.isfinite(self.uv_px[..., 0])
@@ -455,6 +462,7 @@ class Recording:
             xyz_m=xyz,
             cov_m2=cov,
             wide_m=WIDE * float(depth),
+            by_hand=self.by_hand[:, frames][:, :, markers],
         )
 
     def without_needless_calibration(self) -> "Recording":

@@ -17,7 +17,7 @@ from mocap.cleaning.camera_health import CameraHealth
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
 from mocap.cleaning.swaps import DOUBTFUL, Swap
-from mocap.findings import Finding
+from mocap.findings import MOST, Finding
 from mocap.pipeline.parts import Plane
 from mocap.skeleton import Skeleton
 
@@ -241,6 +241,25 @@ def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) ->
             text=f"{_counted(mask, 'sample')} rejected ({(REASONS | DOUBTFUL)[reason]}){told}",
             numbers={"samples": int(mask.sum())},
             markers=tuple(names[m] for m in which),
+        )
+    ]
+
+
+def hand_findings(apart: NDArray[np.int64], names: Sequence[str], *, first: int = 0) -> list[Finding]:
+    """Frames and markers (n, 2) at which places that a person gives in several cameras contradict each other."""
+    if not len(apart):
+        return []
+    where = [(first + int(t) + 1, names[int(m)]) for t, m in apart]
+    told = ", ".join(f"{name} in frame {frame}" for frame, name in where[:MOST])
+    return [
+        Finding(
+            kind="corrections by hand",
+            alarm=True,
+            text=f"places given by hand do not meet ({told}{', ...' if len(where) > MOST else ''}): the marker was put "
+            "between them; look at these pictures again",
+            numbers={"samples": len(where)},
+            markers=tuple(dict.fromkeys(name for _, name in where)),
+            frames=tuple(frame for frame, _ in where[:MOST]),
         )
     ]
 

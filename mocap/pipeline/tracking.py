@@ -227,7 +227,8 @@ def with_track(
         used[:, frame, marker[ok & whole]] |= np.isfinite(recording.uv_px[:, frame][:, marker[ok & whole], 0])
         innovation[camera[~whole], frame, marker[~whole]] = missed[~whole, :2]
     origin = _origins(recording, believed, np.isfinite(xyz[..., 0]))
-    origin[moved(recording, xyz, cov).far & (origin == Status.MEASURED)] = Status.REJECTED
+    far = moved(recording, xyz, cov).far & ~recording.edited  # what a person states is believed
+    origin[far & (origin == Status.MEASURED)] = Status.REJECTED
     cov += jump_cov(recording, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))

@@ -79,7 +79,7 @@ def disagreements(recording: Recording, wrong: Mask | None = None) -> list[Disag
     rays = np.isfinite(recording.uv_px[..., 0])
     if len(rays) < 3:
         return []
-    pair = np.asarray(rays.sum(axis=0) == 2)
+    pair = np.asarray(rays.sum(axis=0) == 2) & ~recording.edited
     apart = pair & np.isnan(recording.xyz_m[..., 0])
     doubted = np.zeros(rays.shape[:2], dtype=bool) if wrong is None else np.asarray(wrong.any(axis=2))
     found = []
@@ -99,7 +99,8 @@ def disagreements(recording: Recording, wrong: Mask | None = None) -> list[Disag
 def unconfirmed(recording: Recording) -> Mask:
     """(T, M) points of two rays, in recordings of three cameras or more."""
     rays = np.isfinite(recording.uv_px[..., 0])
-    return np.isfinite(recording.xyz_m[..., 0]) & (rays.sum(axis=0) == 2) & (len(rays) > 2)
+    asked = np.isfinite(recording.xyz_m[..., 0]) & ~recording.edited
+    return asked & (rays.sum(axis=0) == 2) & (len(rays) > 2)
 
 
 def worth_checking(recording: Recording) -> bool:

@@ -62,6 +62,8 @@ VARIABLES: Mapping[str, Variable] = {
         SAMPLE, "", "read", "codes of `mocap.records.Status`: missing, measured, rejected, ...", codes(max(Status))
     ),
     "edited": Variable(SAMPLE, "", "read", "samples that a person corrected (`mocap.pipeline.edits`)", TRUTH),
+    "by_hand": Variable(RAY, "", "read", "pixels that a person placed; since `clean` where `believed` has them", TRUTH),
+    "overruled": Variable((*RAY, "pixel"), "px", "read", "what the file has where a person placed a marker"),
     "ideal": Variable((*RAY, "pixel"), "px", "clean", "pixels without lens, in step, in the coefficients' convention"),
     "late": Variable(("view",), "frames", "clean", "by which a camera starts or runs late; taken out of `ideal`"),
     "believed": Variable((*RAY, "pixel"), "px", "clean", "`ideal` that is believed, without slowly varying errors"),

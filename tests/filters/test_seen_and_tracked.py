@@ -227,3 +227,23 @@ def test_innovations_are_consistent():
     assert abs(sum(seen.nis for seen in found.observed) - total) < 4 * np.sqrt(2 * total)
     z = (found.xyz_m - truth) / np.sqrt(np.diagonal(found.cov_m2, axis1=-2, axis2=-1))
     assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99  # 1440 coordinates, correlated over a few frames
+
+
+def test_what_a_person_states_is_believed_wherever_it_is():
+    """A ray 20 deviations from its prediction is refused, unless a person placed it: then with all its weight."""
+    sights = Sights(
+        where=np.array([[0, 0]]),
+        size=np.array([2]),
+        innovation=np.array([[20.0, 0.0, 0.0]]),
+        slope=np.where(np.arange(3)[:, None] < 2, np.eye(3), 0.0)[None],
+        sd=np.ones((1, 3)),
+        dof=np.array([np.inf]),
+        apart=np.array([False]),
+    )
+    markers = Markers(Gaussian(np.zeros(3), 0.5 * np.eye(3)), View(np.zeros((1, 3)), np.eye(3)))
+    refused, _, seen = observe(markers, sights)
+    assert (seen.weight == 0).all()
+    assert not refused.mean.any()
+    found, _, seen = observe(markers, replace(sights, by_hand=np.array([True])))
+    assert (seen.weight == 1).all()
+    np.testing.assert_allclose(found.mean, [20.0 * 0.25 / 1.25, 0.0, 0.0])  # of variances

@@ -180,15 +180,6 @@ def test_smoothed_points_are_not_called_edited():
     assert "smoothed" in found.text
 
 
-def test_a_flipped_camera_is_named():
-    """One camera counts rows from below."""
-    scene = clean()
-    uv = scene.pixels.uv_px.copy()
-    uv[1] = flipped(uv[1], HEIGHT)
-    (found,) = alarms(fit_findings(scene.cameras, undistorted(scene.cameras, uv)))
-    assert (found.kind, found.cameras) == ("flipped camera", ("cam2",))
-
-
 def test_a_foreign_camera_is_named():
     """One camera was moved after calibration."""
     scene = clean()

@@ -6,7 +6,7 @@ from mocap.datasets import PERFECT, make_bat
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, refine
-from mocap.cleaning.persistence import LAG, UNSEEN, lasting_share, persistent_px
+from mocap.cleaning.persistence import LAG, UNSEEN, lasting_share, persistent_px, share_left
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +78,16 @@ def test_few_frames_tell_nothing(scene):
     assert np.isnan(found).all()
     share = lasting_share(found, np.ones(len(found)), removed_px=2.0)
     np.testing.assert_allclose(1 + share, (1 + UNSEEN) * (1 + 2.0**2))
+
+
+@pytest.mark.parametrize("frames", [8, 60])
+def test_how_long_errors_last_is_found(scene, frames):
+    """Half white, half lasting: exp(-1 / frames) is left a frame later; white errors last no longer than ``LAG``."""
+    _, exact, matrices = scene
+    rng = np.random.default_rng(4)
+    white = exact + rng.standard_normal(exact.shape)
+    uv = white + 1.2 * lasting(rng, exact.shape, frames)
+    found = [share_left(matrices, px, linear(matrices, px), relative=np.ones(px.shape[:3])) for px in (uv, white)]
+    assert -1 / np.log(found[0]) == pytest.approx(frames, rel=0.3)
+    assert found[1] == 1 - 1 / LAG
+    assert share_left(matrices, uv[:, :2], linear(matrices, uv[:, :2]), relative=np.ones(uv[:, :2].shape[:3])) < 1

@@ -36,7 +36,7 @@ def test_each_step_adds_the_variables_that_are_declared(bat):
     """Read: pixels alone; cleaned: the rest; as they are declared, and not to be written into."""
     assert set(bat.data.data_vars) == {"pixels"}
     done = mocap.clean(bat)
-    others = {"late", "likelihood", "confidence", "lens_covariance", "edited"}
+    others = {"late", "likelihood", "confidence", "lens_covariance", "edited", "by_hand", "overruled"}
     assert set(done.data.data_vars) | others == {name for name, one in VARIABLES.items() if one.since != "track"}
     declared(bat)
     declared(done)

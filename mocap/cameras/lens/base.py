@@ -56,6 +56,11 @@ class Lens(ABC):
         return not self.coefficients.any()
 
     @property
+    def if_bent(self) -> Self | None:
+        """Itself; None where it moves no pixel."""
+        return None if self.is_identity else self
+
+    @property
     def intrinsic(self) -> Array:
         """(3, 3) camera matrix without skew."""
         (fx, fy), (cx, cy) = self.f_px, self.centre_px

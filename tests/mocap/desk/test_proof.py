@@ -1,5 +1,6 @@
 """What the desk draws over pictures and asks for, on recordings that were tracked in no time."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -63,10 +64,12 @@ def test_marks_are_where_pictures_show_the_marker(tmp_path, lower_left, lens):
 
 
 def test_a_wrong_place_is_told(tmp_path):
-    """A place that the other cameras contradict is kept, and the answer says by how much it is missed."""
+    """A place that the other cameras contradict is kept: they are not believed, and the answer says what is missed."""
     proof, seen_px, _ = proof_of(tmp_path)
     proof.edit(what="place", frame=10, marker="a", camera="cam1", uv_px=tuple(seen_px[0, 9, 0] + 30))
-    assert "misses the place in cam1 by 4" in proof.settle()  # 30 px in both coordinates: 42
+    missed = re.search(r"misses the place in cam1 by (\d+) px", proof.settle())
+    assert missed is not None
+    assert int(missed[1]) < 42 / 2  # 30 px in both coordinates: 42; of one ray and the motion the ray weighs more
     assert len(read_edits(proof.log)) == 1
 
 

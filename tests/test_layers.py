@@ -64,8 +64,6 @@ ALLOWED = {
         "mocap/cameras",
         "mocap/io",
         "mocap/pipeline",
-        "mocap/rerun",
-        "mocap/web",
     },
     "mocap/batches": {"eal", "mocap", "mocap/cameras", "mocap/io", "mocap/pipeline", "mocap/results"},
     "mocap/desk": {
@@ -77,6 +75,7 @@ ALLOWED = {
         "mocap/digitising",
         "mocap/io",
         "mocap/pipeline",
+        "mocap/rerun",
         "mocap/results",
         "mocap/web",
     },

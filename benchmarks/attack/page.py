@@ -101,7 +101,7 @@ def without_token(page: Page, rng: np.random.Generator) -> tuple[int, bool | Non
     roots = ("/", "//", f"/x/{token}/", f"/{token[:place]}/", f"/{other}/", f"/{token}x/")
     roots += (f"/%2e%2e/{token}/", f"/{token.swapcase()}/")
     root = str(rng.choice(roots))
-    path = root + str(rng.choice(["", "info", "click", "picture?camera=0&frame=0", f"?token={token}", "undo"]))
+    path = root + str(rng.choice(["", "overview", "place", "picture?camera=0&frame=0", f"?token={token}", "undo"]))
     headers = {"Cookie": f"token={token}", "Authorization": f"Bearer {token}"}
     return page.ask(str(rng.choice(METHODS)), path, b"{}", **headers), None if root == page.path else False
 
@@ -112,7 +112,7 @@ def other_pages(page: Page, rng: np.random.Generator) -> tuple[int, bool]:
     port = str(rng.choice(["", ":80", ":9999", f":{page.port}", f":{page.port}0"]))
     if rng.random() < 0.5:
         method, host, origin = "GET", f"{name}{port}", str(rng.choice([f"http://{page.host}", f"http://{name}{port}"]))
-        return page.ask(method, f"{page.path}info", Host=host, Origin=origin), host == page.host
+        return page.ask(method, f"{page.path}overview", Host=host, Origin=origin), host == page.host
     scheme = str(rng.choice(["http://", "https://", "file://", "", "null", "chrome-extension://"]))
     origin = None if scheme == "null" and rng.random() < 0.5 else f"{scheme}{name}{port}"
     method = str(rng.choice(["POST", "PUT", "DELETE", "OPTIONS"]))
@@ -145,7 +145,7 @@ def clicks(page: Page, rng: np.random.Generator) -> tuple[int, bool]:
         good[str(rng.choice([*good, "more"]))] = str(rng.choice(VALUES))
     text = ("{" + ", ".join(f'"{key}": {value}' for key, value in good.items()) + "}").encode()
     text = text if rng.random() < 0.7 else damaged(text, str(rng.choice(["bits", "cut", "insert", "delete"])), rng)
-    return page.ask("POST", f"{page.path}click", text), is_click(text)
+    return page.ask("POST", f"{page.path}place", text), is_click(text)
 
 
 def parameters(page: Page, rng: np.random.Generator) -> tuple[int, bool | None]:
@@ -161,7 +161,7 @@ def parameters(page: Page, rng: np.random.Generator) -> tuple[int, bool | None]:
 def damaged_requests(page: Page, rng: np.random.Generator) -> tuple[int, None]:
     """A good request as bytes, damaged as files are."""
     body = b'{"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}'
-    head = f"POST {page.path}click HTTP/1.1\r\nHost: {page.host}\r\nOrigin: http://{page.host}\r\n"
+    head = f"POST {page.path}place HTTP/1.1\r\nHost: {page.host}\r\nOrigin: http://{page.host}\r\n"
     lengths = (
         "Content-Length: -1",
         "Content-Length: 1e9",
@@ -175,7 +175,7 @@ def damaged_requests(page: Page, rng: np.random.Generator) -> tuple[int, None]:
 
 def large(page: Page, rng: np.random.Generator) -> tuple[int, bool]:
     """Bodies from one byte too many to the largest."""
-    return page.ask("POST", f"{page.path}click", b" " * int(LARGEST * 10 ** rng.uniform(-3, 0))), False
+    return page.ask("POST", f"{page.path}place", b" " * int(LARGEST * 10 ** rng.uniform(-3, 0))), False
 
 
 ATTACKS: dict[str, tuple[Attack, int]] = {
@@ -206,7 +206,7 @@ def run(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as place:
         page = Page(Path(place))
         try:
-            page.ask("POST", f"{page.path}click", b'{"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}')
+            page.ask("POST", f"{page.path}place", b'{"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}')
             page.ask("GET", f"{page.path}picture?camera=0&frame=0")
             before = page.peak_kb()
             for k, (name, (attack, rare)) in enumerate(ATTACKS.items()):
@@ -237,7 +237,7 @@ def run(options: argparse.Namespace) -> int:
 def after(page: Page, before_kb: int) -> list[str]:
     """What is wrong when all is over."""
     wrong: list[Any] = []
-    if page.ask("GET", f"{page.path}info") != 200:
+    if page.ask("GET", f"{page.path}overview") != 200:
         wrong.append("the page does not answer its user")
     if (grown := page.peak_kb() - before_kb) > LARGEST / 1000:
         wrong.append(f"the process took {grown / 1000:.0f} MB more")

@@ -1,6 +1,7 @@
 """``mocap digitise``."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -67,10 +68,16 @@ def digitise(
     }
     if web:
         from mocap import web as pages  # before all that needs the extra, which it names
-        from mocap.digitising.page import digitise_page, open_session
+        from mocap.batches.known import Options
+        from mocap.desk.desk import Desk
+        from mocap.desk.page import desk_page
+        from mocap.desk.session import SAVED, open_session
 
-        session = open_session(films, folder=out, start=start, **given)
-        with pages.served(digitise_page(session), port=port) as page:
+        words = [word for word in sys.argv[1:] if word != "--web"]  # of two --start the last one counts
+        same = typed(program(), *words, "--start", out / SAVED, "--force")
+        session = open_session(films, folder=out, start=start, command=same, **given)
+        desk = Desk(out=out, trials={}, options=Options(), proof=session)
+        with pages.served(desk_page(desk), port=port) as page:
             say(
                 f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
                 "Who has this address can see the films and change the clicks: keep it to yourself.",

@@ -18,11 +18,14 @@ def share(
     force: Force = False,
 ) -> None:
     """Write one page that holds the recording and its viewer: it opens by a double click, and reaches no host."""
+    from tempfile import TemporaryDirectory
+
+    from mocap.cli.view import with_recording
     from mocap.io.output import result_folder
     from mocap.rerun.share import PAGE, write_page
 
-    with result_folder(out, "share", replace=force, inputs=runs, tell=say) as folder:
-        write_page(runs, folder)
+    with result_folder(out, "share", replace=force, inputs=runs, tell=say) as folder, TemporaryDirectory() as place:
+        write_page([with_recording(run, Path(place) / str(i)) for i, run in enumerate(runs)], folder)
     size_mb = (out / PAGE).stat().st_size / 1e6
     errors.print(
         f"Wrote {out / PAGE} ({size_mb:.0f} MB): open it in a browser, send it, or put it on any web server.",

@@ -24,6 +24,7 @@ from mocap.batches.trial import Trial
 from mocap.cameras.arrangement import ArrangementError
 from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof
+from mocap.desk.session import Session
 from mocap.errors import MocapError
 from mocap.findings import Finding
 from mocap.io.lock import locked
@@ -53,8 +54,9 @@ PASSED = {
     "mot": "OpenSim motion",
     "deeplabcut": "DeepLabCut",
     "bvh": "BVH",
+    "page": "one page with the 3D recording",
 }
-"""What a result is passed on as: ``report``, or an export of ``mocap kinematics``."""
+"""What a result is passed on as: ``report``, ``page`` (``mocap share``), or an export of ``mocap kinematics``."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -66,7 +68,7 @@ class Desk:
         trials: By name.
         options: How they are tracked.
         jobs: How many at a time.
-        proof: The trial that is proof-read; None: none yet.
+        proof: What is open in the room of films: a trial that is proof-read, or films that are digitised; None: none.
         draft: The skeleton that is drawn; None: none yet.
     """
 
@@ -74,7 +76,7 @@ class Desk:
     trials: dict[str, Trial]
     options: Options
     jobs: int = 2
-    proof: Proof | None = None
+    proof: Proof | Session | None = None
     draft: Draft | None = None
     _running: BaseProcess | None = None
     _ear: Connection | None = None
@@ -125,9 +127,10 @@ class Desk:
                     "measured_percent": row.get("measured_percent"),
                     "stated": {key: str(value) for key, value in trial.stated.items() if key != "hints"},
                     "command": self.command(trial),
+                    "passes": {kind: [said, self.passing(trial.name, kind)] for kind, said in PASSED.items()},
                 }
             )
-        return {"trials": rows, "out": str(self.out), "passed": PASSED, "command": self.batch_command()}
+        return {"trials": rows, "command": self.batch_command()}
 
     def command(self, trial: Trial) -> str:
         """The command that tracks a trial as the desk does."""
@@ -138,6 +141,12 @@ class Desk:
         """The command that tracks all of them."""
         words = ["mocap", "batch", self.manifest, "--out", self.out, "--jobs", self.jobs, "--model", self.options.model]
         return shlex.join([*map(str, words), *([] if self.options.validate else ["--no-validate"])])
+
+    def passing(self, name: str, kind: str) -> str:
+        """The command that passes a result on as the desk does."""
+        to = ["--out", self.out / name / "page"] if kind == "page" else [] if kind == "report" else ["--export", kind]
+        words = ["mocap", "share" if kind == "page" else "kinematics", self.out / name, *to, "--force"]
+        return shlex.join(map(str, words))
 
     def audit(self, name: str) -> list[dict[str, Any]]:
         """What is found in a trial's files, worst first, each with what the program can do about it."""
@@ -243,23 +252,51 @@ class Desk:
         return "stopped; trials that have ended are kept"
 
     def open(self, name: str) -> dict[str, Any]:
-        """Open a trial that was tracked for proof-reading."""
+        """Open a trial that was tracked for proof-reading; a desk without trials has what was opened with it."""
+        if not self.trials:
+            return self.opened().info()
         trial = self.trial(name)
         if read_record(self.out / name) is None:
             raise MocapError(f"{name} has not been tracked: track it first")
         plain = replace(trial, stated={key: value for key, value in trial.stated.items() if key != "edits"})
         self.proof = None
         self.proof = open_proof(name, plain.recording(), load(self.out / name), self.log(name))
-        return self.proof.info()
+        edits = {"edits": self.log(name)}
+        commands = {
+            "proof": self.command(replace(trial, stated={**trial.stated, **edits})),
+            "angles": self.passing(name, "report"),
+            "scene": shlex.join(["mocap", "view", str(self.out / name)]),
+        }
+        return self.proof.info() | {"commands": commands}
 
-    def opened(self) -> Proof:
+    def opened(self) -> Proof | Session:
+        """What is open in the room of films.
+
+        Raises:
+            MocapError: nothing is.
+        """
+        if self.proof is None:
+            raise MocapError("open a trial first")
+        return self.proof
+
+    def tracked(self) -> Proof:
         """The trial that is proof-read.
 
         Raises:
             MocapError: none is open.
         """
-        if self.proof is None:
-            raise MocapError("open a trial first")
+        if not isinstance(self.proof, Proof):
+            raise MocapError("open a trial that was tracked first")
+        return self.proof
+
+    def session(self) -> Session:
+        """The films that are digitised.
+
+        Raises:
+            MocapError: none are open.
+        """
+        if not isinstance(self.proof, Session):
+            raise MocapError("open films first: mocap digitise --web")
         return self.proof
 
     def draw(self, name: str) -> dict[str, Any]:
@@ -304,7 +341,7 @@ class Desk:
         for name in same:
             self.trials[name] = replace(self.trials[name], stated={**self.trials[name].stated, "skeleton": draft.path})
         self.save()
-        if self.proof is not None and self.proof.name in same:
+        if isinstance(self.proof, Proof) and self.proof.name in same:
             self.proof = None  # it has the names of before
         return f"wrote {draft.path} for {number_of(len(same), 'trial')}"
 
@@ -317,24 +354,27 @@ class Desk:
         trial = self.trial(name)
         if known(self._as_edited(trial), self.options, self.out) is None:
             raise MocapError(f"{name} was changed or corrected since it was tracked: track it first")
-        exports = [] if kind == "report" else [kind]
+        result = load(self.out / name)
+        if kind == "page":
+            from mocap.rerun.share import write_page
+
+            with (
+                result_folder(self.out / name / "page", "share", replace=True) as folder,
+                TemporaryDirectory() as place,
+            ):
+                result.write_recording(Path(place) / name)
+                write_page([Path(place) / name], folder)
+            return f"wrote {self.out / name / 'page'}"
         place = self.out / name / "kinematics"
         with result_folder(place, "kinematics", replace=True) as folder:
-            refused = load(self.out / name).write_kinematics(folder, exports=exports)
+            refused = result.write_kinematics(folder, exports=[] if kind == "report" else [kind])
         if refused:
             raise MocapError("; ".join(refused))
-        words = ["mocap", "kinematics", str(self.out / name), *(["--export", kind] if exports else []), "--force"]
-        return f"wrote {place}; the same: {shlex.join(words)}"
+        return f"wrote {place}"
 
     def _as_edited(self, trial: Trial) -> Trial:
         log = self.log(trial.name)
         return replace(trial, stated={**trial.stated, "edits": log}) if log.is_file() else trial
-
-    def scene(self) -> bytes:
-        """The result that is proof-read, as a recording of rerun."""
-        with TemporaryDirectory() as place:
-            self.opened().result.write_recording(Path(place))
-            return (Path(place) / "recording.rrd").read_bytes()
 
 
 def _in_order(trial: Trial) -> Trial:

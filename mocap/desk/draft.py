@@ -1,6 +1,7 @@
 """The skeleton of a trial as it is drawn: points named, bones and joints chosen, in the file that tracking reads."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,8 @@ from eal.arrays import Array
 from mocap.batches.trial import Trial
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear
-from mocap.digitising.overlays import listed
+from mocap.desk.overlays import listed
+from mocap.desk.pictures import Pictures, pictures_of
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file
@@ -35,12 +37,14 @@ class Draft:
         recording: Its files, without a skeleton.
         skeleton: As it is now.
         path: Where it is written.
+        pictures: Films that show the points; None: none.
     """
 
     trial: str
     recording: Recording
     skeleton: Skeleton
     path: Path
+    pictures: Pictures | None = None
 
     @property
     def called(self) -> list[str]:
@@ -69,6 +73,8 @@ class Draft:
 
         ends = ((joint.name, of(joint.parent, joint.centre, joint.child)) for joint in self.skeleton.joints)
         seen = np.isfinite(self.xyz[..., 0])
+        table = from_toml(skeleton_text(self.skeleton), self.skeleton.name).get("measures", {})
+        measures = ((kind, entry) for kind, entry in table.items() if kind != "axes" and not isinstance(entry, str))
         return {
             "trial": self.trial,
             "points": list(self.recording.names),
@@ -77,13 +83,22 @@ class Draft:
             "trunk": [number[name] for name in self.skeleton.trunk if name in number],
             "joints": {name: three for name, three in ends if three},
             "bodies": {name: list(members) for name, members in self.skeleton.bodies.items()},
+            "measures": [[kind, str(name), _said(entry, name)] for kind, entry in measures for name in entry],
+            "dropped": [],
+            "cameras": [] if self.pictures is None else list(self.recording.camera_names),
             "frame": int(seen.sum(axis=1).argmax()),
             "n_frames": len(seen),
             "path": str(self.path),
         }
 
-    def places(self, frame: int) -> list[list[float] | None]:
-        """Where the points are in a frame, as a share of how far they lie apart, about their middle."""
+    def places(self, frame: int, camera: int | None = None) -> list[list[float] | None]:
+        """Where the points are in a frame: in a camera's picture, or in space.
+
+        In space as a share of how far they lie apart, about their middle.
+        """
+        if camera is not None and self.pictures is not None:
+            uv_px = self.pictures.upright(self.recording.data["pixels"].values[camera, frame])
+            return [listed(at) for at in uv_px]
         now = self.xyz[frame]
         middle = np.nanmedian(now, axis=0) if np.isfinite(now).any() else np.zeros(3)
         size = np.nanmax(np.abs(now - middle), initial=1e-12)
@@ -117,6 +132,7 @@ class Draft:
         bones: Sequence[tuple[int, int, bool]],
         trunk: Sequence[int],
         joints: Mapping[str, tuple[int, int, int]],
+        dropped: Sequence[tuple[str, str]] = (),
     ) -> Skeleton:
         """The skeleton with what was drawn in place of its own; measures and bodies follow the names.
 
@@ -125,6 +141,7 @@ class Draft:
             bones: Two points each, and whether their distance is one length.
             trunk: Points that move as one body.
             joints: Parent, centre and child by name.
+            dropped: Measures that are left out: their kind, and their name or (feet) marker, as of before.
 
         Raises:
             MocapError: it is no skeleton.
@@ -135,7 +152,7 @@ class Draft:
         names = [name.strip() for name in names]
         new = {before: now for before, now in zip(old, names, strict=True) if before}
         table = from_toml(skeleton_text(self.skeleton), self.skeleton.name)
-        measures = _renamed(table.get("measures", {}), new)
+        measures = _renamed(_without(table.get("measures", {}), dropped), new)
         there = {*joints, *(joint.name for joint in self.skeleton.body_joints)}
         measures["axes"] = {name: axes for name, axes in measures.get("axes", {}).items() if name in there}
         return replace(
@@ -150,6 +167,24 @@ class Draft:
             aliases={of: name for of, name in zip(files, names, strict=True) if name and name != of},
             measures=measures,
         )
+
+
+def _said(entry: Any, name: str) -> str:
+    """The markers of a measure, for a person."""
+    value = entry[name] if isinstance(entry, Mapping) else ""
+    return ", ".join(str(part) for part in value) if isinstance(value, list) else ""
+
+
+def _without(measures: Mapping[str, Any], dropped: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    """Measures but for some."""
+    out = {}
+    for kind, entry in measures.items():
+        gone = {name for of, name in dropped if of == kind}
+        if isinstance(entry, Mapping):
+            out[kind] = {name: value for name, value in entry.items() if name not in gone}
+        else:
+            out[kind] = [one for one in entry if str(one) not in gone] if isinstance(entry, list) else entry
+    return out
 
 
 def _renamed(entry: Any, names: Mapping[str, str], key: str = "") -> Any:
@@ -176,4 +211,8 @@ def open_draft(trial: Trial, path: Path) -> Draft:
     recording = replace(trial, stated=stated).recording()
     known = trial.stated.get("skeleton")
     skeleton = replace(recording.skeleton, name=trial.name) if known is None else read_skeleton(Path(known))
-    return Draft(trial=trial.name, recording=recording, skeleton=skeleton, path=path)
+    pictures = None
+    with suppress(MocapError):  # what is wrong with its cameras is found by the audit
+        pictures = pictures_of(recording)
+    filmed = None if pictures is None or pictures.films is None else pictures
+    return Draft(trial=trial.name, recording=recording, skeleton=skeleton, path=path, pictures=filmed)

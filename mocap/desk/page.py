@@ -1,15 +1,32 @@
 """The page of the desk: each request has a schema, and is one call of the desk."""
 
+from base64 import b64encode
+from collections.abc import Callable
+from hashlib import sha256
+from http import HTTPStatus
+from importlib.resources import files
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+import cv2
+import numpy as np
+from pydantic import Field, ValidationInfo, model_validator
 from starlette.applications import Starlette
+from starlette.responses import Response
+from starlette.routing import Route
 
 from mocap.desk.desk import MEND, PASSED, Desk
-from mocap.digitising.overlays import ClickAt, ExchangeOf, RangeOf, ShownAt, picture_route, scene_routes, shell
-from mocap.web import Nothing, Query, below, changes, page, reads
+from mocap.web import Nothing, Query, below, changes, limits_of, page, reads, task
+
+_POLICY = (
+    "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
+    "base-uri 'none'; form-action 'none'; script-src 'sha256-{}'"
+)
+_VIEWER_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'self'"
 
 _Text = Annotated[str, Field(max_length=500)]
+_Frame = Annotated[int, below("frames")]
+_Marker = Annotated[int, below("markers")]
+_Point = Annotated[int, below("points")]
 _STATED = {(key, value) for key, ways in MEND.items() for _, value in ways}
 
 
@@ -32,15 +49,46 @@ class _Passed(_Trial):
     kind: Literal[*PASSED]  # pyright: ignore[reportInvalidTypeForm]
 
 
-class _Curve(Query):
+class _Named(Query):
     name: _Text
+
+
+class _Picture(Query):
+    camera: Annotated[int, below("cameras")]
+    frame: _Frame
+
+
+class _Shown(Query):
+    frame: _Frame
+    marker: _Marker
+
+
+class _Range(Query):
+    marker: _Marker
+    first: _Frame
+    last: _Frame
+
+
+class _Exchange(_Range):
+    other: _Marker
+
+
+class _Click(_Picture):
+    marker: _Marker
+    uv_px: tuple[float, float] | None
+
+    @model_validator(mode="after")
+    def _in_the_picture(self, info: ValidationInfo) -> Self:
+        size = limits_of(info)["sizes"][self.camera]
+        # the centre of the first pixel is at (1, 1)
+        if self.uv_px is not None and not all(0.5 <= x <= n + 0.5 for x, n in zip(self.uv_px, size, strict=True)):
+            raise ValueError(f"expected a place in the picture of {size[0]:g} x {size[1]:g} px")
+        return self
 
 
 class _Seen(Query):
     frame: Annotated[int, below("drawn_frames")]
-
-
-_Point = Annotated[int, below("points")]
+    camera: Annotated[int, below("drawn_cameras")] | None = None
 
 
 class _Drawn(Query):
@@ -48,11 +96,17 @@ class _Drawn(Query):
     bones: list[tuple[_Point, _Point, bool]]
     trunk: list[_Point]
     joints: dict[_Text, tuple[_Point, _Point, _Point]]
+    dropped: list[tuple[_Text, _Text]]
+
+
+class _File(Query):
+    renderer: Literal["webgl", "webgpu"] = "webgpu"
 
 
 def desk_page(desk: Desk) -> Starlette:
     """The page of a desk, for ``mocap.web.served``."""
-    limits: dict[str, Any] = {"cameras": 0, "frames": 0, "markers": 0, "sizes": [], "points": 0, "drawn_frames": 0}
+    counts = ("cameras", "frames", "markers", "points", "drawn_frames", "drawn_cameras")
+    limits: dict[str, Any] = {**dict.fromkeys(counts, 0), "sizes": []}
 
     def opened(given: _Trial) -> dict[str, Any]:
         info = desk.open(given.trial)
@@ -61,56 +115,104 @@ def desk_page(desk: Desk) -> Starlette:
         )
         return info
 
-    def picture(camera: int, frame: int) -> Any:
-        films = desk.opened().films
-        return None if films is None else films.picture(camera, frame)
+    def picture(at: _Picture) -> Response:
+        found = desk.opened().picture(at.camera, at.frame)
+        return Response(status_code=HTTPStatus.NOT_FOUND) if found is None else _png(found)
+
+    def sketched(at: _Seen) -> Response:
+        pictures = desk.drawing().pictures
+        found = None if pictures is None or at.camera is None else pictures.picture(at.camera, at.frame)
+        return Response(status_code=HTTPStatus.NOT_FOUND) if found is None else _png(found)
 
     def draft(given: _Trial) -> dict[str, Any]:
         info = desk.draw(given.trial)
-        limits.update(points=len(info["points"]), drawn_frames=info["n_frames"])
+        limits.update(points=len(info["points"]), drawn_frames=info["n_frames"], drawn_cameras=len(info["cameras"]))
         return info
 
     def places(_: Nothing) -> list[dict[str, Any]]:
         return [{**vars(place), "worth_mm2": round(1e6 * place.worth_m2, 3)} for place in desk.opened().places()]
 
-    def name(marker: int) -> str:
-        return desk.opened().raw.names[marker]
-
-    def place(at: ClickAt) -> str:
-        where = {"camera": desk.opened().raw.camera_names[at.camera], "frame": at.frame + 1, "marker": name(at.marker)}
-        what = {"what": "unseen"} if at.uv_px is None else {"what": "place", "uv_px": at.uv_px}
-        return desk.opened().edit(**where, **what)
-
-    def over(at: RangeOf, **what: str) -> str:
-        return desk.opened().edit(marker=name(at.marker), frame=at.first + 1, last=at.last + 1, **what)
-
+    if desk.proof is not None:
+        opened(_Trial(trial=""))
     return page(
         [
-            shell("mocap.desk", "desk.html"),
+            _shell(),
             reads("/overview", Nothing, lambda _: desk.overview()),
             reads("/audit", _Trial, lambda given: desk.audit(given.trial)),
             reads("/open", _Trial, opened),
             reads("/progress", Nothing, lambda _: desk.progress()),
-            reads("/frame", ShownAt, lambda at: desk.opened().frame(at.frame, at.marker)),
+            reads("/frame", _Shown, lambda at: desk.opened().frame(at.frame, at.marker)),
             reads("/places", Nothing, places),
-            reads("/curve", _Curve, lambda given: desk.opened().curve(given.name)),
-            picture_route(picture),
-            *scene_routes(desk.scene),
+            reads("/curve", _Named, lambda given: desk.tracked().curve(given.name)),
+            task(
+                "/potential",
+                _Named,
+                lambda given: Response(desk.tracked().potential(given.name), 200, None, "image/png"),
+            ),
+            task("/picture", _Picture, picture),
+            *_scene_routes(lambda: desk.opened().scene()),
             reads("/draft", _Trial, draft),
             reads("/drawn", Nothing, lambda _: desk.drawn()),
-            reads("/points", _Seen, lambda at: desk.drawing().places(at.frame)),
+            reads("/points", _Seen, lambda at: desk.drawing().places(at.frame, at.camera)),
+            task("/sketch", _Seen, sketched),
             changes("/propose", _Drawn, lambda given: desk.drawing().propose(**dict(given))),
             changes("/mirror", _Drawn, lambda given: desk.drawing().mirror(**dict(given))),
             changes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**dict(given))),
             changes("/state", _Stated, lambda given: desk.state(given.trial, given.name, given.value)),
             changes("/track", Nothing, lambda _: desk.track()),
             changes("/stop", Nothing, lambda _: desk.stop()),
-            changes("/place", ClickAt, place),
-            changes("/exchange", ExchangeOf, lambda at: over(at, what="exchange", other=name(at.other))),
-            changes("/delete", RangeOf, lambda at: over(at, what="delete")),
-            changes("/undo", Nothing, lambda _: desk.opened().edit(what="undo")),
+            changes("/find", Nothing, lambda _: desk.session().run()),
+            changes("/place", _Click, lambda at: desk.opened().place(**dict(at))),
+            changes("/exchange", _Exchange, lambda at: desk.opened().exchange(**dict(at))),
+            changes("/delete", _Range, lambda at: desk.opened().delete(**dict(at))),
+            changes("/undo", Nothing, lambda _: desk.opened().undo()),
             changes("/settle", Nothing, lambda _: desk.opened().settle()),
             changes("/pass", _Passed, lambda given: desk.pass_on(given.trial, given.kind)),
         ],
         limits=limits,
     )
+
+
+def _shell() -> Route:
+    """The page itself, whose one script begins with that of pictures (``views.js``), and alone runs."""
+    room = files("mocap.desk")
+    html = (
+        room.joinpath("desk.html")
+        .read_bytes()
+        .replace(b"<script>", b"<script>" + room.joinpath("views.js").read_bytes())
+    )
+    script = html.partition(b"<script>")[2].partition(b"</script>")[0]
+    headers = {"Content-Security-Policy": _POLICY.format(b64encode(sha256(script).digest()).decode())}
+    return Route("/", lambda _: Response(html, media_type="text/html", headers=headers))
+
+
+def _png(picture: Any) -> Response:
+    """Grey levels as PNG of 8 bits."""
+    if picture.dtype == np.uint16:
+        picture = cv2.normalize(picture, np.empty(0), 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
+    content = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+    return Response(content, media_type="image/png")
+
+
+def _scene_routes(recording: Callable[[], bytes]) -> list[Route]:
+    """Routes to rerun's web viewer, which our page frames and whose page may ask this server alone.
+
+    Args:
+        recording: Gives what it shows, as a file of rerun.
+    """
+
+    def viewer(name: str, kind: str) -> Route:
+        def work(_: _File) -> Response:
+            from mocap.rerun.points import viewer_files
+
+            headers = {"Content-Security-Policy": _VIEWER_POLICY, "X-Frame-Options": "SAMEORIGIN"}
+            return Response(viewer_files("points.rrd")[name], media_type=kind, headers=headers)
+
+        return task(f"/scene/{name}", _File, work)
+
+    return [
+        task("/scene/points.rrd", Nothing, lambda _: Response(recording())),
+        viewer("", "text/html"),
+        viewer("re_viewer.js", "text/javascript"),
+        viewer("re_viewer_bg.wasm", "application/wasm"),
+    ]

@@ -1,12 +1,14 @@
 """Proof-reading of one tracked trial: where a correction would settle most, and what each one settles at once."""
 
 import getpass
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,16 +16,15 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import stacked
-from mocap.cameras.origin import flipped
 from mocap.cameras.triangulate import linear, project
-from mocap.digitising.films import Films, open_films
-from mocap.digitising.overlays import ellipses, epipolar_lines, listed
+from mocap.desk.overlays import drawn, ellipses, epipolar_lines, listed
+from mocap.desk.pictures import Pictures, pictures_of
 from mocap.errors import MocapError
-from mocap.io.movies import FILMS
 from mocap.pipeline.by_hand import errors_left, straightened, with_hand
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing
-from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.pipeline.one_camera import of_one_camera
+from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
 
@@ -42,6 +43,7 @@ class Place:
         last: Its last.
         worth_m2: Squared error that is expected in the run, summed over its frames.
         why: In a person's words.
+        camera: In whose picture; None: in any.
     """
 
     frame: int
@@ -50,6 +52,7 @@ class Place:
     last: int
     worth_m2: float
     why: str
+    camera: int | None = None
 
 
 def unsettled(tracks: MarkerTracks, measured_m: Array) -> Array:
@@ -101,15 +104,13 @@ def places(tracks: MarkerTracks, measured_m: Array, done: NDArray[np.bool_]) -> 
 
 
 @dataclass(eq=False, kw_only=True)
-class Proof:
+class Proof(Pictures):
     """A trial that is proof-read.
 
     Attributes:
         name: Of the trial.
-        raw: Its files as they were read, without edits, and with what was decided of the pixels.
         result: What was tracked.
         log: The file of the edits.
-        films: Its films, if there are any.
         edits: All lines of the log.
         ahead: The recording being cleaned while a person looks; None: that is done at the first correction.
         pending: Edits that nothing was solved with yet, and whether they were taken back.
@@ -118,10 +119,8 @@ class Proof:
     """
 
     name: str
-    raw: Recording
     result: Tracked
     log: Path
-    films: Films | None = None
     ahead: Future | None = None
     edits: list[Edit] = field(default_factory=list)
     pending: list[tuple[Edit, bool]] = field(default_factory=list)
@@ -137,44 +136,6 @@ class Proof:
         frames = slice((edit.frame or 1) - 1, edit.last or edit.frame)
         return bool((self.result.repaired[frames, self.raw.names.index(edit.marker or "")] == 2).all())
 
-    @cached_property
-    def sizes_px(self) -> list[tuple[float, float]]:
-        """Width and height of each camera's picture: of its film, of the calibration, or of what it shows."""
-        if self.films is not None:
-            return [(float(width), float(height)) for width, height in (m.size_px for m in self.films.movies)]
-        pixels = self.raw.pixels
-        if pixels is None:
-            return []
-        most = np.nanmax(pixels.uv_px, axis=(1, 2), initial=1.0)
-        cameras = self.raw.cameras or (None,) * len(most)
-        sizes = [None if camera is None else camera.size_px for camera in cameras]
-        whole = [np.ceil(1.05 * own) if size is None else size for size, own in zip(sizes, most, strict=True)]
-        return [(float(width), float(height)) for width, height in whole]
-
-    @cached_property
-    def height_px(self) -> float | None:
-        """By which rows counted from below are shown from above; None: they are counted from above."""
-        rows = self.raw.rows
-        if rows is None or "lower-left" not in (rows.pixels, rows.coefficients):
-            return None
-        return rows.height_px or float(self.sizes_px[0][1])
-
-    def _shown(self, camera: int, uv_px: Array) -> Array:
-        """Ideal pixels as the picture shows them."""
-        rows, cam = self.raw.rows, self.raw.cameras[camera]
-        if self.raw.lens is not None:
-            bent = np.broadcast_to(uv_px, (len(self.raw.cameras), *uv_px.shape)).copy()
-            for _ in range(4):  # the inverse of ``straight``, whose steps shrink by the lens' slope, 0.1 or less
-                bent += uv_px - self.raw.lens.straight(bent)
-            uv_px = bent[camera]
-        uv = flipped(uv_px, self.height_px) if rows is not None and rows.coefficients == "lower-left" else uv_px
-        return uv if cam.lens is None else cam.lens.distort(uv)
-
-    def _upright(self, uv_px: Array) -> Array:
-        """Pixels of the file as pictures show them, or the reverse."""
-        rows = self.raw.rows
-        return flipped(uv_px, self.height_px) if rows is not None and rows.pixels == "lower-left" else uv_px
-
     def info(self) -> dict[str, Any]:
         """What does not change while it is open."""
         return {
@@ -186,41 +147,43 @@ class Proof:
             "n_frames": len(self.raw.t_s),
             "fps": self.raw.fps,
             "quantities": [] if self.result.plane is not None else list(self.result.kinematics),
+            "potentials": [] if self.result.plane is not None else list(self.result.potentials),
         }
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
         """What is drawn over the pictures of a frame, and what is known of the marker there."""
-        recording, markers, names = self.recording, self.tracks, self.raw.names
+        recording, markers = self.recording, self.tracks
         status = Status(int(markers.status[frame, marker])).name.lower()
         changed = recording.edited[frame]
         told = {
             "status": "edited" if changed[marker] and status == "measured" else status,
-            "sd_mm": listed(1e3 * markers.sd_m[frame, [marker]]),
+            "sd_mm": listed(1e3 * np.sqrt(np.trace(markers.cov_m2[frame, [marker]], axis1=1, axis2=2) / 3)),
         }
-        if recording.pixels is None:
+        if "pixels" not in recording.data:
             return told | {"cameras": []}
-        clicked = self._upright(recording.pixels.uv_px[:, frame])
+        pixels = recording.data["pixels"].values
+        clicked = self.upright(pixels[:, frame])
         shapes, lines = np.full((*clicked.shape[:2], 5), np.nan), [[] for _ in clicked]
         if recording.cameras:
             matrices = stacked(recording.cameras)
             up = recording.rows is not None and recording.rows.coefficients == "lower-left"
-            shapes = ellipses(matrices, markers.xyz_m[frame], markers.cov_m2[frame], self._shown, y_up=up)
+            shapes = ellipses(matrices, markers.xyz_m[frame], markers.cov_m2[frame], self.shown, y_up=up)
             first = max(0, frame - AROUND)  # cameras that run late are read between their frames
             near = recording.at(slice(first, frame + AROUND))
-            ideal = straightened(near, recording.pixels.uv_px[:, first : frame + AROUND, [marker]])[:, frame - first, 0]
-            lines = epipolar_lines(matrices, ideal, self.sizes_px, self._shown)
-        return told | {
-            "cameras": [
-                {
-                    "markers": [
-                        {"click": listed(clicked[c, m]), "ellipse": listed(shapes[c, m]), "edited": bool(changed[m])}
-                        for m in range(len(names))
-                    ],
-                    "lines": lines[c],
-                }
-                for c in range(len(clicked))
-            ]
+            ideal = straightened(near, pixels[:, first : frame + AROUND, [marker]])[:, frame - first, 0]
+            lines = epipolar_lines(matrices, ideal, self.sizes_px, self.shown)
+        marks = {
+            "click": clicked,
+            "ellipse": shapes,
+            "edited": np.broadcast_to(changed.astype(float), clicked.shape[:2]),
         }
+        return told | {"cameras": drawn(marks, lines)}
+
+    def scene(self) -> bytes:
+        """The result as a recording of rerun."""
+        with TemporaryDirectory() as place:
+            self.result.write_recording(Path(place))
+            return (Path(place) / "recording.rrd").read_bytes()
 
     @cached_property
     def _measured(self) -> Array:
@@ -237,6 +200,25 @@ class Proof:
         """What is to be looked at next, by how much a correction would settle."""
         return places(self.tracks, self._measured, self.recording.edited)
 
+    def place(self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None) -> str:
+        """A marker is at a place of a picture, or not to be seen there (None)."""
+        what = {"what": "unseen"} if uv_px is None else {"what": "place", "uv_px": uv_px}
+        at = {"camera": self.raw.camera_names[camera], "marker": self.raw.names[marker]}
+        return self.edit(**what, **at, frame=frame + 1)
+
+    def exchange(self, marker: int, other: int, first: int, last: int) -> str:
+        """Exchange the names of two markers in a range of frames."""
+        names = self.raw.names
+        return self.edit(what="exchange", marker=names[marker], other=names[other], frame=first + 1, last=last + 1)
+
+    def delete(self, marker: int, first: int, last: int) -> str:
+        """A marker is not to be seen in a range of frames."""
+        return self.edit(what="delete", marker=self.raw.names[marker], frame=first + 1, last=last + 1)
+
+    def undo(self) -> str:
+        """Take the last correction back."""
+        return self.edit(what="undo")
+
     def edit(self, **what: Any) -> str:
         """Add a correction to the log; it is on the disk when this returns. ``settle`` solves what it touches.
 
@@ -247,7 +229,7 @@ class Proof:
             MocapError: it names what is not there; nothing was kept then.
         """
         if what.get("uv_px") is not None:
-            what["uv_px"] = tuple(self._upright(np.array(what["uv_px"], dtype=float)).tolist())
+            what["uv_px"] = tuple(self.upright(np.array(what["uv_px"], dtype=float)).tolist())
         edit = Edit(who=_user(), when=datetime.now(UTC).isoformat(timespec="seconds"), **what)
         kept = standing(self.edits)
         if edit.what == "undo" and not kept:
@@ -288,12 +270,13 @@ class Proof:
         # names that the program put right stand otherwise in the files: there the result stays as it is
         named = (self.result.repaired == 1) & ~changed
         recording, cleaned, moved = self.recording, None, np.zeros(changed.shape, dtype=bool)
-        if self.raw.rows is not None:
+        alone = bool(recording.cameras) and of_one_camera(self.raw)
+        if self.raw.rows is not None and not alone:
             bare, left = self._cleaned
             cleaned = with_hand(bare, recording, left=left)
             moved = (cleaned.xyz_m != bare.xyz_m).any(axis=-1)
-        said = ""
-        for span in spans:
+        said = "; the model solves it when the trial is tracked again" if alone else ""
+        for span in [] if alone else spans:
             try:
                 window, found = resolved(
                     recording,
@@ -326,7 +309,7 @@ class Proof:
             return ""
         at = project(stacked(self.raw.cameras), self.tracks.xyz_m[frame, marker])
         c = self.raw.camera_names.index(edit.camera)
-        off = float(np.linalg.norm(self._shown(c, at[c][None])[0] - self._upright(np.array(edit.uv_px))))
+        off = float(np.linalg.norm(self.shown(c, at[c][None])[0] - self.upright(np.array(edit.uv_px))))
         believed = not off > 5 * self._sd_px  # as rays are (``mocap.cameras.triangulate.robust``)
         return "" if believed else f"; it misses the place in {edit.camera} by {off:.0f} px: place it elsewhere, too"
 
@@ -337,7 +320,9 @@ class Proof:
         return float(jitter or 1.0)
 
     def curve(self, name: str, points: int = 2000) -> dict[str, Any]:
-        """A quantity over time with its 95 % interval, of a long recording at so many frames.
+        """A quantity over time with its 95 % interval, of a long recording at so many frames, and the cycles.
+
+        Cycles are first and last frames, by what they are of.
 
         Raises:
             MocapError: there is none of that name.
@@ -348,14 +333,36 @@ class Proof:
         def numbers(values: Array) -> list[float | None]:
             return [None if np.isnan(x) else round(float(x), 5) for x in values[frames]]
 
+        cycles: dict[str, list[list[int]]] = {}
+        table = self.result.cycles
+        for kind, of, start_s, end_s in zip(*(table[name] for name in ("kind", "of", "start_s", "end_s")), strict=True):
+            ends = np.searchsorted(self.raw.t_s, [start_s, end_s])
+            cycles.setdefault(f"{kind} {of}".replace("_", " "), []).append(ends.tolist())
         return {
-            "name": name,
             "unit": found.unit,
             "frames": frames.tolist(),
             "value": numbers(found.value),
             "low": numbers(found.low),
             "high": numbers(found.high),
+            "cycles": cycles,
         }
+
+    def potential(self, joint: str) -> bytes:
+        """The map of a joint's potential, as PNG.
+
+        Raises:
+            MocapError: there is none, or too few samples were measured.
+        """
+        from matplotlib import pyplot
+
+        figure, ax = pyplot.subplots(figsize=(7, 6), layout="constrained")
+        try:
+            self.result.potential(joint).plot(ax)
+            picture = BytesIO()
+            figure.savefig(picture, format="png", dpi=120)
+        finally:
+            pyplot.close(figure)
+        return picture.getvalue()
 
 
 def _cleaned(raw: Recording) -> tuple[Recording, float]:
@@ -380,27 +387,8 @@ def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> P
         result: What was tracked.
         log: The file of the edits; it need not be there.
     """
-    filmed = recording.pixels is not None and len(recording.cameras) > 1
-    raw = with_ideal_pixels(recording) if filmed else recording
     edits = read_edits(log) if log.is_file() else []
-    films = films_beside(raw) if filmed else None
-    ahead = ThreadPoolExecutor(1).submit(_cleaned, raw) if filmed else None
-    return Proof(name=name, raw=raw, result=result, log=log, films=films, edits=edits, ahead=ahead)
-
-
-def films_beside(recording: Recording) -> Films | None:
-    """Films of a recording: those in its folder, else in a folder there of which each film or folder is a camera's."""
-    if recording.file is None:
-        return None
-    place = recording.file.parent
-    inside = sorted(path for path in place.iterdir() if not path.name.startswith("."))
-    own = [path for path in inside if path.suffix.lower() in FILMS]
-    mine = [path for path in own if path.stem.startswith(recording.name)]
-    tries: list[Sequence[Path]] = [mine, own, *([path] for path in inside if path.is_dir())]
-    for given in tries:
-        try:
-            if given:
-                return open_films(given, recording.cameras)
-        except (MocapError, OSError):  # others' pictures, or results
-            continue
-    return None
+    pictures = pictures_of(recording)
+    solves = pictures.raw.rows is not None and not of_one_camera(pictures.raw)
+    ahead = ThreadPoolExecutor(1).submit(_cleaned, pictures.raw) if solves else None
+    return Proof(name=name, **vars(pictures), result=result, log=log, edits=edits, ahead=ahead)

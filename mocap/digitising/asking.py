@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array
+from eal.arrays import Array, true_runs
 from mocap.digitising.clicks import places
 from mocap.digitising.engine import CLICK_SD_PX, Engine
 from mocap.digitising.naming import seen_from
@@ -53,18 +53,6 @@ def pixel_sd(engine: Engine) -> Array:
     return sd.reshape(n_frames, n_markers)
 
 
-def stretches(above: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """Runs of True of each column: (column, first row, last row)."""
-    out = []
-    padded = np.zeros((len(above) + 2, above.shape[1]), dtype=np.int8)
-    padded[1:-1] = above
-    change = np.diff(padded, axis=0)
-    for column in range(above.shape[1]):
-        first, last = np.flatnonzero(change[:, column] == 1), np.flatnonzero(change[:, column] == -1) - 1
-        out += [(column, int(a), int(b)) for a, b in zip(first, last, strict=True)]
-    return out
-
-
 def questions(engine: Engine, *, error_px: float, most: int) -> list[Question]:
     """The next clicks, the most useful first; at most one in each stretch of a marker that is not known well enough.
 
@@ -87,8 +75,9 @@ def questions(engine: Engine, *, error_px: float, most: int) -> list[Question]:
     shown = (tracks.dot >= 0) | np.isfinite(clicked[..., 0])
     hidden = ~shown & (answered | (tracks.rays >= 2))
     found = []
-    for marker, first, last in stretches((sd_px > error_px) & begun[:, None]):
-        frames = np.arange(first, last + 1)
+    runs = [(m, run) for m in range(sd_px.shape[1]) for run in true_runs((sd_px[:, m] > error_px) & begun)]
+    for marker, run in runs:
+        frames = np.arange(*run)
         variance = np.trace(tracks.cov_m2[frames, marker], axis1=1, axis2=2)
         variance = variance * np.minimum(1.0, _WORST * error_px / sd_px[frames, marker]) ** 2
         sd = np.sqrt(np.maximum(variance, 1e-18))

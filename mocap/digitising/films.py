@@ -34,7 +34,7 @@ class Films:
     Attributes:
         movies: One a camera.
         offset_frames: (C,) frame of the film minus frame of the tracks.
-        n_frames: Frames that at least two films show.
+        n_frames: Frames that at least two films show, or the only one.
     """
 
     movies: tuple[Movie, ...]
@@ -138,7 +138,7 @@ def open_films(
     if len(offsets) != len(movies):
         raise MocapError(f"`offset_frames`: {len(offsets)} offsets for {len(movies)} films: give one for each")
     ends = sorted((m.n_frames - o for m, o in zip(movies, offsets, strict=True)), reverse=True)
-    return Films(movies=movies, offset_frames=offsets, n_frames=max(ends[1], 0))
+    return Films(movies=movies, offset_frames=offsets, n_frames=max(ends[:2][-1], 0))
 
 
 def open_windows(

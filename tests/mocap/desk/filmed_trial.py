@@ -1,8 +1,12 @@
 """A folder as a person has it: films, clicks with faults of known kinds, calibration and skeleton."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from mocap.digitising.clicks import Click, write_clicks
+from mocap.measures import Measures
+from mocap.skeleton import Joint, write_skeleton
 from tests.mocap.digitising.filmed import NAMES, film
 
 GAP = range(20, 32)
@@ -36,13 +40,14 @@ def trial(folder, n_frames=60, *, films=True):
         n_frames=n_frames,
         fps=FPS,
     )
+    wrist = Joint(name="wrist", parent="back", centre="left", child="hand")
+    measures = Measures(strokes={"hand": ("left", "hand")}, distances={"span": ("right", "hand")})
+    write_skeleton(folder / "skeleton.toml", replace(scene.skeleton, joints=(wrist,), measures=measures))
     return scene
 
 
 def whole(scene, n_frames):
     """The same scene in more frames than were filmed."""
-    from dataclasses import replace
-
     from mocap.cameras.camera import record
     from tests.mocap.digitising.filmed import markers
 

@@ -201,7 +201,7 @@ def test_lines_and_ellipses_are_where_the_marker_is(worked, scene):
             assert np.linalg.norm(fine - scene.uv_px[c, frame, marker], axis=1).min() < 2  # clicks are off by 0.3
 
 
-DRAWN = {"names": list(NAMES), "bones": [], "trunk": [], "joints": {}}
+DRAWN = {"names": list(NAMES), "bones": [], "trunk": [], "joints": {}, "dropped": []}
 PLACE = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
 
 
@@ -303,7 +303,7 @@ def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path):
         until(driver, "document.body.dataset.audits === '2'")
         left = [one.text for one in driver.find_elements("css selector", "#findings .mend")]
         assert all(text.startswith("Lengths are in") for text in left)
-        shown = driver.find_element("css selector", "#findings code").text
+        shown = driver.find_element("id", "command").text
         assert shown.index("a_xypts") < shown.index("b_xypts") < shown.index("c_xypts")
         (kept,) = read_manifest(desk.manifest)
         assert [path.name for path in kept.paths] == ["a_xypts.csv", "b_xypts.csv", "c_xypts.csv"]
@@ -386,6 +386,95 @@ def test_a_person_draws_a_skeleton(scene, tmp_path):
         ("right", "back", "right", "hand_r"),
     ]
     assert mocap.read(where[0], skeleton=path, **stated).names == found.markers
+
+
+def test_a_person_sees_angles_and_goes_to_a_frame(worked):
+    """A joint's potential is drawn; a click on a curve goes to its frame; each room shows its command."""
+    _, browser = worked
+    with chromium() as driver:
+        driver.get(str(browser.base_url))
+        until(driver, "document.body.dataset.ready === '1'")
+        driver.find_element("class name", "read").click()
+        until(driver, "document.body.dataset.opened === '1'")
+        assert "--edits" in driver.find_element("id", "command").text
+        driver.find_element("css selector", "[data-room=angles]").click()
+        until(driver, "document.body.dataset.curve")
+        assert driver.find_element("id", "command").text.startswith("mocap kinematics ")
+        driver.execute_script("const j = $('joint'); j.value = 'wrist'; j.onchange({ target: j });")
+        until(driver, "$('potential').complete && $('potential').naturalWidth")
+        assert driver.execute_script("return $('potential').naturalWidth") == 840
+        driver.execute_script("const j = $('joint'); j.value = ''; j.onchange({ target: j });")
+        canvas = driver.find_element("id", "curve")
+        middle = ActionChains(driver).move_to_element_with_offset(canvas, 0, 0)
+        middle.click().perform()
+        until(driver, "document.body.dataset.room === 'proof'")
+        wide = canvas.size["width"] or driver.execute_script("return $('curve').width")
+        until(driver, f"Math.abs(frame - {(wide / 2 - 60) / (wide - 80) * 59}) <= 1")
+
+
+def test_measures_are_ticked_and_points_clicked_in_a_picture(worked):
+    """A measure that is unticked is not in the file; points lie where a camera shows them, and a click takes one."""
+    desk, browser = worked
+    before = desk.trials["flight"].stated["skeleton"]
+    with chromium() as driver:
+        driver.get(str(browser.base_url))
+        until(driver, "document.body.dataset.ready === '1'")
+        driver.find_element("class name", "bones").click()
+        until(driver, "document.body.dataset.sketched === '1'")
+        labels = [label.text for label in driver.find_elements("css selector", "#measures span")]
+        assert labels == ["distances span: right, hand", "strokes hand: left, hand"]
+        driver.execute_script("const by = $('shown-by'); by.value = '1'; by.onchange({ target: by });")
+        until(driver, "photo && photo.naturalWidth")
+        found = np.array(driver.execute_script("return places3d"), dtype=float)
+        pixels = browser.get(
+            "points", params={"frame": driver.execute_script("return drawn.frame"), "camera": 1}
+        ).json()
+        np.testing.assert_array_equal(found, np.array(pixels, dtype=float))
+        x, y = driver.execute_script(f"return spots()[{HAND}]")
+        canvas = driver.find_element("id", "body")
+        half = canvas.size["width"] / 2, canvas.size["height"] / 2
+        at = ActionChains(driver).move_to_element_with_offset(canvas, round(x - half[0]), round(y - half[1]))
+        at.click().perform()
+        assert driver.execute_script("return point") == HAND
+        driver.find_elements("css selector", "#measures input")[1].click()
+        driver.find_element("id", "save").click()
+        until(driver, "document.body.dataset.drawn === '1'")
+    kept = read_skeleton(desk.out / "skeletons" / "flight.toml").measures
+    desk.state("flight", "skip", "")
+    desk.trials["flight"].stated["skeleton"] = before
+    (desk.out / "skeletons" / "flight.toml").unlink()
+    assert not kept.strokes
+    assert kept.distances == {"span": ("right", "hand")}
+
+
+def test_tracking_stops_and_goes_on(scene, tmp_path):
+    """Two trials one after the other: stopped while they are tracked, and the rest is tracked when told to go on."""
+    where = scene.folder
+    for name in "ab":
+        shutil.copy(where / "flight_xypts.csv", tmp_path / f"{name}_xypts.csv")
+    stated = {"calibration": where / "calibration.toml", "skeleton": where / "skeleton.toml", "fps": FPS}
+    sources = [str(tmp_path / f"{name}_xypts.csv") for name in "ab"]
+    with opened_desk(sources, tmp_path / "out", options=OPTIONS, jobs=1, stated=stated) as desk:
+        assert desk.stop() == "nothing is being tracked"
+        desk.track()
+        while desk.progress().get("done") != 1:
+            assert desk.progress()["running"]
+            time.sleep(0.05)
+        assert desk.stop().startswith("stopped")
+        assert not desk.progress()["running"]
+        assert "done" in {row["status"] for row in desk.overview()["trials"]}
+        told = tracked(desk)
+        assert told["done"] == told["total"] == 2
+        assert {row["status"] for row in desk.overview()["trials"]} == {"done"}
+
+
+def test_a_result_is_passed_on_as_one_page(worked):
+    """With the command that does the same, of a result for which no recording was written."""
+    desk, browser = worked
+    assert browser.post("pass", json={"trial": "flight", "kind": "page"}).status_code == 200
+    assert b"<title>flight</title>" in (desk.out / "flight" / "page" / "index.html").read_bytes()
+    out = desk.out / "flight"
+    assert desk.overview()["trials"][0]["passes"]["page"][1] == f"mocap share {out} --out {out / 'page'} --force"
 
 
 def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):

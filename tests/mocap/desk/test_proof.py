@@ -4,6 +4,7 @@ import re
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from mocap.cameras.camera import record
@@ -88,6 +89,19 @@ def test_long_ranges_are_solved_at_their_ends(tmp_path):
     proof.settle()
     assert proof.tracks.status[middle, 0] == Status.MISSING
     np.testing.assert_allclose(proof.tracks.xyz_m[middle, 1], xyz[middle, 1])
+
+
+def test_a_curve_has_the_cycles_in_its_frames(tmp_path):
+    """By what they are of, with the frames of their times; values at so many frames as are wanted, gaps as None."""
+    proof, _, _ = proof_of(tmp_path)
+    value = np.where(np.arange(60) == 0, np.nan, np.arange(60.0))
+    proof.result.kinematics = {"q": SimpleNamespace(value=value, low=value - 1, high=value + 1, unit="deg")}
+    rows = [("wing_beat", "a", 0.1, 0.3), ("wing_beat", "a", 0.3, 0.5), ("stride", "b", 0.0, 0.2)]
+    proof.result.cycles = pd.DataFrame(rows, columns=["kind", "of", "start_s", "end_s"])
+    curve = proof.curve("q", points=30)
+    assert curve["cycles"] == {"wing beat a": [[10, 30], [30, 50]], "stride b": [[0, 20]]}
+    assert len(curve["frames"]) == 30
+    assert curve["value"] == [None, *curve["frames"][1:]]
 
 
 def test_two_hypotheses_are_worth_the_square_of_half_their_distance(tmp_path):

@@ -8,8 +8,8 @@ from browser import chromium, settled
 from rerun.chunk import RrdReader
 
 from mocap.rerun import palette, paths
+from tests.mocap.desk.test_session import client, requests_of, session_of, shown, until
 from tests.mocap.digitising.filmed import film
-from tests.mocap.digitising.test_page import client, requests_of, session_of, shown, until
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +36,8 @@ def test_the_scene_is_beside_the_films(scene, tmp_path):
         settled(driver, 100, points)
         asked = requests_of(driver)
         assert sum(url.endswith("/scene/points.rrd") for url in asked) == 1
-        driver.execute_script("track()")
-        until(driver, "document.body.dataset.tracked === '1'")
+        driver.execute_script("find()")
+        until(driver, "document.body.dataset.found === '1'")
         again = []
         while not any(url.endswith("/scene/points.rrd") for url in again):
             again += requests_of(driver)

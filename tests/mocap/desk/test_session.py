@@ -1,4 +1,4 @@
-"""The page: real clicks in a real browser, each on the disk at once."""
+"""Films that are digitised in the desk: real clicks in a real browser, each on the disk at once."""
 
 import asyncio
 import json
@@ -14,8 +14,11 @@ from selenium.webdriver.common.keys import Keys
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
+from mocap.batches.known import Options
+from mocap.desk.desk import Desk
+from mocap.desk.page import desk_page
+from mocap.desk.session import SAVED, open_session
 from mocap.digitising.clicks import Click, read_clicks
-from mocap.digitising.page import SAVED, digitise_page, open_session
 from mocap.errors import MocapError
 from mocap.web import page, served
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
@@ -53,7 +56,8 @@ def session_of(scene, folder, start=None):
 @contextmanager
 def shown(session):
     """The address of its page."""
-    with served(digitise_page(session)) as site:
+    desk = Desk(out=session.folder, trials={}, options=Options(), proof=session)
+    with served(desk_page(desk)) as site:
         yield site.address
 
 
@@ -78,7 +82,8 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
         driver.execute_script(PRESSES)
         count, aimed = 0, []
         for marker in range(len(NAMES)):
-            driver.find_element("tag name", "body").send_keys("abcdefg"[marker])
+            driver.find_element("tag name", "body").send_keys("/")
+            driver.switch_to.active_element.send_keys(driver.execute_script(f"return codes[{marker}]"))
             for camera in (0, 1):
                 canvas = driver.find_element("id", f"film{camera}")
                 size = canvas.size
@@ -90,7 +95,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
                 ).click().perform()
                 count += 1
                 aimed.append((camera, marker))
-                until(driver, f"document.body.dataset.clicks === '{count}'")
+                until(driver, f"Number(document.body.dataset.settled) === {count + 1}")
         saved = read_clicks(tmp_path / "out" / SAVED, scene.skeleton, n_cameras=3, n_frames=12)
         assert len(saved) == 14
         presses = dict(zip(aimed, driver.execute_script("return window.presses"), strict=True))
@@ -101,7 +106,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
             assert np.abs(off).max() < AIM_PX / scale
         body = driver.find_element("tag name", "body")
         body.send_keys(Keys.ENTER)
-        until(driver, "document.body.dataset.tracked === '1'")
+        until(driver, "document.body.dataset.found === '1'")
         found = session.found
         assert found is not None
         away = np.linalg.norm(found.pixels.uv_px - scene.uv_px, axis=-1)
@@ -110,7 +115,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
         body.send_keys(Keys.ARROW_RIGHT)
         until(driver, "document.body.dataset.frame === '1'")
         body.send_keys(Keys.BACKSPACE)
-        until(driver, "document.body.dataset.undone === '1'")
+        until(driver, f"document.body.dataset.settled === '{count + 2}'")
         assert len(session.clicks) == 13
         asked = set(requests_of(driver))
         assert all(url.startswith((address, "data:")) for url in asked)
@@ -137,29 +142,29 @@ def test_a_track_is_corrected_in_a_browser(scene, tmp_path):
         u, v = ((before[0, 1, tail] - 0.5 - np.array(SIZE) / 2) * scale).round().astype(int).tolist()
         drag = ActionChains(driver).move_to_element_with_offset(canvas, u, v).click_and_hold()
         drag.move_by_offset(20, 12).release().perform()
-        until(driver, "document.body.dataset.clicks === '1'")
+        until(driver, "document.body.dataset.settled === '2'")
         dragged = session.clicks[-1]
         assert (dragged.camera, dragged.frame, dragged.marker) == (0, 1, tail)
         off = np.subtract(dragged.uv_px, before[0, 1, tail]) - np.array([20, 12]) / scale
         assert np.abs(off).max() < AIM_PX / scale
         body.send_keys(Keys.BACKSPACE)
-        until(driver, "document.body.dataset.undone === '1'")
-        body.send_keys("abcdefg"[nose])
+        until(driver, "document.body.dataset.settled === '3'")
+        driver.find_elements("css selector", "#codes button")[nose].click()
         for name, value in (("first", "4"), ("last", "6")):
             driver.find_element("id", name).send_keys(value)
         driver.execute_script(f"document.getElementById('other').value = '{tail}'")
-        driver.find_element("id", "swap").click()
-        until(driver, "document.body.dataset.changed === '1'")
+        driver.find_element("id", "exchange").click()
+        until(driver, "document.body.dataset.settled === '4'")
         np.testing.assert_allclose(session.found.pixels.uv_px[:, 3:6, nose], before[:, 3:6, tail], atol=1e-4)
         driver.find_element("id", "delete").click()
-        until(driver, "document.body.dataset.changed === '2'")
+        until(driver, "document.body.dataset.settled === '5'")
         assert np.isnan(session.found.pixels.uv_px[:, 3:6, nose]).all()
         again = session_of(scene, tmp_path / "out")
         gone = {(c.camera, c.frame) for c in again.clicks if c.marker == nose and c.uv_px is None}
         assert gone == {(camera, frame) for camera in range(3) for frame in (3, 4, 5)}
         for _ in range(2):
             driver.find_element("id", "undo").click()
-        until(driver, "document.getElementById('said').textContent === '14 clicks'")
+        until(driver, "document.body.dataset.settled === '7'")
     assert session.clicks == scene.clicks()
     assert np.nanmax(np.linalg.norm(session.found.pixels.uv_px - before, axis=-1)) < 0.1
 
@@ -186,9 +191,11 @@ def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
         assert "nothing is named yet" in early.json()["said"]
         session.run()
         before = session.found.pixels.uv_px.copy()
-        assert "frames 4 to 6 were named again" in asked("swap", marker=0, other=6, **span).json()["said"]
+        asked("exchange", marker=0, other=6, **span)
+        assert asked("settle").json()["said"] == "frames 4 to 6 were named again"
         np.testing.assert_allclose(session.found.pixels.uv_px[:, 3:6, 0], before[:, 3:6, 6], atol=1e-4)
         asked("delete", marker=0, **span)
+        asked("settle")
         assert np.isnan(session.found.pixels.uv_px[:, 3:6, 0]).all()
         again = session_of(scene, tmp_path / "out")
         gone = {(c.camera, c.frame) for c in again.clicks if c.marker == 0 and c.uv_px is None}
@@ -199,6 +206,7 @@ def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
         assert "not a range" in asked("delete", marker=0, first=5, last=4).json()["said"]
         asked("undo")
         assert asked("undo").json()["said"] == "14 clicks"
+        asked("settle")
     assert session.clicks == scene.clicks()
     assert np.nanmax(np.linalg.norm(session.found.pixels.uv_px - before, axis=-1)) < 0.1
 
@@ -254,7 +262,7 @@ def open_page(scene, tmp_path_factory):
 def test_what_is_no_click_is_not_saved(open_page, wrong):
     """Of no camera, frame or marker, outside of the picture, not finite, of another type: refused, in one line."""
     session, browser = open_page
-    answer = browser.post("click", content=json.dumps({**GOOD, **wrong}))
+    answer = browser.post("place", content=json.dumps({**GOOD, **wrong}))
     assert answer.status_code == 400
     assert len(answer.json()["said"].splitlines()) == 1
     assert not session.clicks
@@ -268,10 +276,9 @@ def test_what_is_no_click_is_not_saved(open_page, wrong):
         *("picture?camera=3&frame=0", "picture?camera=0&frame=-1", "picture?camera=0&frame=1e400"),
         "picture?camera=0.9&frame=0",
         *(
-            "question?after=-1",
-            "question?after=252",
-            "question?after=" + "9" * 9000,
-            "info?more=1",
+            "places?after=252",
+            "places?after=" + "9" * 9000,
+            "open?trial=x&more=1",
             "scene/?url=http://x/",
         ),
     ],
@@ -295,7 +302,7 @@ TRIES = """
 const [address, done] = arguments, tries = [];
 for (const how of [{ mode: "no-cors", method: "POST", body: "{}" }, { mode: "cors", method: "POST", body: "{}" }, {}])
   tries.push(fetch(address + "undo", how).then(r => r.type, e => "refused"));
-for (const [kind, path] of [["img", "picture?camera=0&frame=0"], ["script", "info"]])
+for (const [kind, path] of [["img", "picture?camera=0&frame=0"], ["script", "overview"]])
   tries.push(new Promise(then => {
     const part = document.createElement(kind);
     part.onload = () => then("seen"); part.onerror = () => then("refused"); part.src = address + path;
@@ -334,9 +341,9 @@ def test_two_hundred_at_once_are_answered(open_page):
             return await asyncio.gather(*(many.get(path) for path in paths))
 
     assert {answer.status_code for answer in asyncio.run(all_of_them())} == {200}
-    assert browser.post("click", json=GOOD).json()["said"] == "1 clicks"
-    assert browser.post("click", json={**GOOD, "uv_px": [320.5, 240.5]}).json()["said"] == "2 clicks"
-    assert "two cameras" in browser.post("track", json={}).json()["said"]
+    assert browser.post("place", json=GOOD).json()["said"] == "1 click"
+    assert browser.post("place", json={**GOOD, "uv_px": [320.5, 240.5]}).json()["said"] == "2 clicks"
+    assert "two cameras" in browser.post("find", json={}).json()["said"]
     for _ in range(2):
         browser.post("undo", json={})
     assert not session.clicks

@@ -1,36 +1,23 @@
-"""The page to click in: films side by side, on 127.0.0.1 only; every click is saved before it is answered."""
+"""Films in which a person clicks and the program finds and names the rest; a click is on the disk before its answer."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from starlette.applications import Starlette
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.desk.overlays import drawn, ellipses, epipolar_lines, listed
+from mocap.desk.proof import Place
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.digitising.films import Films
-from mocap.digitising.overlays import (
-    ClickAt,
-    ExchangeOf,
-    RangeOf,
-    ShownAt,
-    ellipses,
-    epipolar_lines,
-    listed,
-    picture_route,
-    scene_routes,
-    shell,
-)
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.skeleton import Skeleton, read_skeleton
-from mocap.web import Nothing, Query, below, changes, page, reads
 
 SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
@@ -38,9 +25,9 @@ UNSEEN = "saved_not_seen.csv"
 """Where markers are not to be seen, beside it."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class Session:
-    """What the page works on.
+    """What the desk's room of films works on where ``mocap digitise`` opened it.
 
     Attributes:
         films: Opened films.
@@ -49,8 +36,11 @@ class Session:
         fps: Frames a second.
         track: Digitises with the clicks that there are.
         folder: Where clicks are saved.
+        command: That does the same with the clicks that are saved.
         clicks: All clicks so far.
         steps: How many clicks each step of this session made, which ``undo`` takes back together.
+        pending: What was not named yet: clicks, and the frames that are meant (False: those about them, too), or how
+            many were taken back.
         found: What was digitised; None: nothing yet.
     """
 
@@ -60,21 +50,27 @@ class Session:
     fps: float
     track: Callable[[list[Click]], Digitised]
     folder: Path
+    command: str = ""
     clicks: list[Click] = field(default_factory=list)
     steps: list[int] = field(default_factory=list)
+    pending: list[Callable[[], Any]] = field(default_factory=list)
     found: Digitised | None = None
 
     def info(self) -> dict[str, Any]:
         """What does not change."""
         return {
+            "trial": self.folder.name,
             "names": list(self.skeleton.markers),
             "cameras": [camera.name for camera in self.cameras],
             "sizes": [list(movie.size_px) for movie in self.films.movies],
+            "films": True,
             "n_frames": self.films.n_frames,
             "frame": self.clicks[0].frame if self.clicks else 0,
+            "digitise": True,
+            "commands": {"proof": self.command},
         }
 
-    def save(self) -> None:
+    def _save(self) -> str:
         """Write all clicks in DLTdv's format; the earlier file or the new one is there, whatever happens."""
         with result_folder(self.folder, "clicks", replace=True, beside=True) as draft:
             write_clicks(
@@ -86,23 +82,27 @@ class Session:
                 fps=self.fps,
             )
             write_unseen(draft / UNSEEN, self.clicks)
+        return f"{len(self.clicks)} click{'s' * (len(self.clicks) != 1)}"
 
     def click(self, *clicks: Click, within: bool = False) -> str:
-        """Take clicks; they are on the disk before anything is named again."""
+        """Take clicks; they are on the disk when this returns. ``settle`` names again what they change."""
         if not clicks:
             return "there is nothing to change"
         self.clicks += clicks
         self.steps.append(len(clicks))
-        self.save()
-        if self.found is None:
-            return f"{len(self.clicks)} clicks"
-        first, last = self.found.click(clicks, within=within) or (clicks[0].frame, clicks[-1].frame)
-        return f"{len(self.clicks)} clicks; frames {first + 1} to {last + 1} were named again"
+        if self.found is not None:
+            found = self.found
+            self.pending.append(lambda: found.click(clicks, within=within))
+        return self._save()
 
-    def swap(self, a: int, b: int, first: int, last: int) -> str:
+    def place(self, **where: Any) -> str:
+        """One click."""
+        return self.click(Click(**where))
+
+    def exchange(self, marker: int, other: int, first: int, last: int) -> str:
         """Exchange the names of two markers in a range of frames."""
         names = self.skeleton.markers
-        return self.click(*self._tracked().swapped(names[a], names[b], first, last), within=True)
+        return self.click(*self._tracked().swapped(names[marker], names[other], first, last), within=True)
 
     def delete(self, marker: int, first: int, last: int) -> str:
         """A marker is not to be seen in a range of frames."""
@@ -111,6 +111,7 @@ class Session:
     def _tracked(self) -> Digitised:
         if self.found is None:
             raise MocapError("nothing is named yet: find and name first (Enter)")
+        self.settle()
         return self.found
 
     def undo(self) -> str:
@@ -119,14 +120,23 @@ class Session:
             return "there is no click to take back"
         count = self.steps.pop() if self.steps else 1
         del self.clicks[-count:]
-        self.save()
-        if self.found is not None and self.found.engine.clicks:
-            self.found.undo(count)
-        return f"{len(self.clicks)} clicks"
+        found = self.found
+        if found is not None and (self.pending or found.engine.clicks):
+            self.pending.append(lambda: found.undo(count) and None)
+        return self._save()
+
+    def settle(self) -> str:
+        """Name again what the clicks change that were made or taken back since this was called last."""
+        said = "nothing to solve"
+        while self.pending:
+            span = self.pending.pop(0)()
+            said = f"frames {span[0] + 1} to {span[1] + 1} were named again" if span else "named as before"
+        return said
 
     def run(self) -> str:
         """Digitise with the clicks that there are."""
         self.found = self.track(list(self.clicks))
+        self.pending.clear()
         share = float((self.found.sd_px <= self.found.error_px).mean())
         return f"{100 * share:.1f} % of all positions are known to {self.found.error_px:g} px"
 
@@ -140,56 +150,55 @@ class Session:
             return path.read_bytes()
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
-        """What is drawn over the pictures of a frame."""
-        n_cameras, n_markers = len(self.cameras), len(self.skeleton.markers)
-        clicked = np.full((n_cameras, n_markers, 2), np.nan)
+        """What is drawn over the pictures of a frame, and what is known of the marker there."""
+        shape, matrices = (len(self.cameras), len(self.skeleton.markers)), stacked(self.cameras)
+        clicked, dots, shapes = np.full((*shape, 2), np.nan), np.full((*shape, 2), np.nan), np.full((*shape, 5), np.nan)
         for click in self.clicks:
             if click.frame == frame:
                 clicked[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
-        dots, shapes = np.full_like(clicked, np.nan), np.full((n_cameras, n_markers, 5), np.nan)
+        sd_mm = None
         if self.found is not None:
             tracks = self.found.engine.tracks
             chosen, all_dots = tracks.dot[:, frame], tracks.dots[frame]
             if all_dots.shape[1]:
-                picked = all_dots[np.arange(n_cameras)[:, None], np.maximum(chosen, 0), :2]
+                picked = all_dots[np.arange(shape[0])[:, None], np.maximum(chosen, 0), :2]
                 dots = np.where((chosen >= 0)[..., None], picked, np.nan)
-            around = tracks.xyz_m[frame], tracks.cov_m2[frame]
-            shapes = ellipses(stacked(self.cameras), *around, self._as_filmed)
-        lines = self._lines(clicked[:, marker])
+            shapes = ellipses(matrices, tracks.xyz_m[frame], tracks.cov_m2[frame], self._as_filmed)
+            sd_mm = listed(1e3 * np.sqrt(np.trace(tracks.cov_m2[frame, [marker]], axis1=1, axis2=2) / 3))
+        ideal = undistorted(self.cameras, clicked[:, [marker]])[:, 0]
+        lines = epipolar_lines(matrices, ideal, [movie.size_px for movie in self.films.movies], self._as_filmed)
+        n_clicks, n_dots = (int(np.isfinite(places[:, marker, 0]).sum()) for places in (clicked, dots))
         return {
-            "cameras": [
-                {
-                    "markers": [
-                        {
-                            "click": listed(clicked[c, m]),
-                            "dot": listed(dots[c, m]),
-                            "ellipse": listed(shapes[c, m]),
-                        }
-                        for m in range(n_markers)
-                    ],
-                    "lines": lines[c],
-                }
-                for c in range(n_cameras)
-            ]
+            "status": f"clicked in {n_clicks}, found in {n_dots} of {len(self.cameras)}",
+            "sd_mm": sd_mm,
+            "cameras": drawn({"click": clicked, "dot": dots, "ellipse": shapes}, lines),
         }
 
     def _as_filmed(self, camera: int, uv_px: Array) -> Array:
         lens = self.cameras[camera].lens
         return uv_px if lens is None else lens.distort(uv_px)
 
-    def _lines(self, clicked: Array) -> list[list[list[list[float]]]]:
-        """For each camera the epipolar lines of a marker's clicks in the others."""
-        ideal = undistorted(self.cameras, clicked[:, None])[:, 0]
-        sizes = [movie.size_px for movie in self.films.movies]
-        return epipolar_lines(stacked(self.cameras), ideal, sizes, self._as_filmed)
+    def picture(self, camera: int, frame: int) -> Any:
+        """A camera's picture in a frame; None: there is none."""
+        return self.films.picture(camera, frame)
 
-    def question(self, after: int) -> dict[str, Any]:
-        """The next click that is asked for."""
-        asked = [] if self.found is None else self.found.questions(after + 1)
-        if not asked:
-            return {}
-        q = asked[min(after, len(asked) - 1)]
-        return {"camera": q.camera, "frame": q.frame, "marker": q.marker, "uv_px": list(q.uv_px)}
+    def places(self) -> list[Place]:
+        """Clicks that are asked for, the most useful first."""
+        if self.found is None:
+            return []
+        cov_m2 = self.found.engine.tracks.cov_m2
+        return [
+            Place(
+                frame=asked.frame,
+                marker=asked.marker,
+                first=asked.frame,
+                last=asked.frame,
+                worth_m2=float(np.trace(cov_m2[asked.frame, asked.marker])),
+                why=f"click it in {self.cameras[asked.camera].name}",
+                camera=asked.camera,
+            )
+            for asked in self.found.questions()
+        ]
 
 
 def open_session(
@@ -205,10 +214,11 @@ def open_session(
     offset_frames: Sequence[int] | None = None,
     crop: Sequence[Path] | None = None,
     error_px: float = 1.0,
+    command: str = "",
 ) -> Session:
     """A session on films; it goes on with the clicks of ``start``, or else with those saved in ``folder``.
 
-    Arguments as of ``mocap.digitise``.
+    Arguments as of ``mocap.digitise``; ``command`` as of ``Session``.
 
     Raises:
         MocapError: the films do not fit the calibration, a file cannot be read, or clicks saved in ``folder`` would be
@@ -246,36 +256,12 @@ def open_session(
         )
 
     return Session(
-        films=opened, cameras=cameras, skeleton=known, fps=float(rate), track=track, folder=folder, clicks=clicks
-    )
-
-
-class _After(Query):
-    after: Annotated[int, below("places")]
-
-
-def digitise_page(session: Session) -> Starlette:
-    """The page of a session, for ``mocap.web.served``."""
-    shape = (len(session.cameras), session.films.n_frames, len(session.skeleton.markers))
-    limits = {
-        **dict(zip(("cameras", "frames", "markers"), shape, strict=True)),
-        "places": prod(shape),
-        "sizes": [movie.size_px for movie in session.films.movies],
-    }
-
-    return page(
-        [
-            shell("mocap.digitising", "page.html"),
-            reads("/info", Nothing, lambda _: session.info()),
-            reads("/frame", ShownAt, lambda at: session.frame(at.frame, at.marker)),
-            reads("/question", _After, lambda given: session.question(given.after)),
-            picture_route(session.films.picture),
-            *scene_routes(session.scene),
-            changes("/click", ClickAt, lambda given: session.click(Click(**dict(given)))),
-            changes("/swap", ExchangeOf, lambda at: session.swap(at.marker, at.other, at.first, at.last)),
-            changes("/delete", RangeOf, lambda at: session.delete(at.marker, at.first, at.last)),
-            changes("/undo", Nothing, lambda _: session.undo()),
-            changes("/track", Nothing, lambda _: session.run()),
-        ],
-        limits=limits,
+        films=opened,
+        cameras=cameras,
+        skeleton=known,
+        fps=float(rate),
+        track=track,
+        folder=folder,
+        command=command,
+        clicks=clicks,
     )

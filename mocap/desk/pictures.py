@@ -1,0 +1,101 @@
+"""Pictures of a recording's cameras: its films, and where they show pixels that files count in their own ways."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eal.arrays import Array
+from mocap.cameras.origin import flipped
+from mocap.digitising.films import Films, open_films
+from mocap.errors import MocapError
+from mocap.io.movies import FILMS
+from mocap.pipeline.one_camera import of_one_camera, undistorted_alone
+from mocap.pipeline.recording import Recording, with_ideal_pixels
+
+
+@dataclass(eq=False, kw_only=True)
+class Pictures:
+    """Pictures of a recording.
+
+    Attributes:
+        raw: The recording as it was read, without edits, and with what was decided of the pixels.
+        films: Its films, if there are any.
+    """
+
+    raw: Recording
+    films: Films | None = None
+
+    @cached_property
+    def sizes_px(self) -> list[tuple[float, float]]:
+        """Width and height of each camera's picture: of its film, of the calibration, or of what it shows."""
+        if self.films is not None:
+            return [(float(width), float(height)) for width, height in (m.size_px for m in self.films.movies)]
+        if "pixels" not in self.raw.data:
+            return []
+        most = np.nanmax(self.raw.data["pixels"].values, axis=(1, 2), initial=1.0)
+        cameras = self.raw.cameras or (None,) * len(most)
+        sizes = [None if camera is None else camera.size_px for camera in cameras]
+        whole = [np.ceil(1.05 * own) if size is None else size for size, own in zip(sizes, most, strict=True)]
+        return [(float(width), float(height)) for width, height in whole]
+
+    @cached_property
+    def height_px(self) -> float | None:
+        """By which rows counted from below are shown from above; None: they are counted from above."""
+        rows = self.raw.rows
+        if rows is None or "lower-left" not in (rows.pixels, rows.coefficients):
+            return None
+        return rows.height_px or float(self.sizes_px[0][1])
+
+    def shown(self, camera: int, uv_px: Array) -> Array:
+        """Ideal pixels as the picture shows them."""
+        rows, cam = self.raw.rows, self.raw.cameras[camera]
+        if self.raw.lens is not None:
+            bent = np.broadcast_to(uv_px, (len(self.raw.cameras), *uv_px.shape)).copy()
+            for _ in range(4):  # the inverse of ``straight``, whose steps shrink by the lens' slope, 0.1 or less
+                bent += uv_px - self.raw.lens.straight(bent)
+            uv_px = bent[camera]
+        uv = flipped(uv_px, self.height_px) if rows is not None and rows.coefficients == "lower-left" else uv_px
+        return uv if cam.lens is None else cam.lens.distort(uv)
+
+    def upright(self, uv_px: Array) -> Array:
+        """Pixels of the file as pictures show them, or the reverse."""
+        rows = self.raw.rows
+        return flipped(uv_px, self.height_px) if rows is not None and rows.pixels == "lower-left" else uv_px
+
+    def picture(self, camera: int, frame: int) -> Any:
+        """A camera's picture in a frame; None: there is none."""
+        return None if self.films is None else self.films.picture(camera, frame)
+
+
+def pictures_of(recording: Recording) -> Pictures:
+    """Pictures of a recording, with its films where they lie beside its file.
+
+    Raises:
+        MocapError: its pixels do not fit its cameras.
+    """
+    if not recording.cameras or "pixels" not in recording.data:
+        return Pictures(raw=recording)
+    raw = undistorted_alone(recording) if of_one_camera(recording) else with_ideal_pixels(recording)
+    return Pictures(raw=raw, films=films_beside(raw))
+
+
+def films_beside(recording: Recording) -> Films | None:
+    """Films of a recording: those in its folder, else in a folder there of which each film or folder is a camera's."""
+    if recording.file is None:
+        return None
+    place = recording.file.parent
+    inside = sorted(path for path in place.iterdir() if not path.name.startswith("."))
+    own = [path for path in inside if path.suffix.lower() in FILMS]
+    mine = [path for path in own if path.stem.startswith(recording.name)]
+    tries: list[Sequence[Path]] = [mine, own, *([path] for path in inside if path.is_dir())]
+    for given in tries:
+        try:
+            if given:
+                return open_films(given, recording.cameras)
+        except (MocapError, OSError):  # others' pictures, or results
+            continue
+    return None

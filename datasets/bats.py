@@ -103,7 +103,9 @@ def make_bat(
     )
 
 
-def make_bat_wind_tunnel(*, seed: int = 0, digitiser: Digitiser = WIND_TUNNEL) -> SyntheticRecording:
+def make_bat_wind_tunnel(
+    *, seed: int = 0, n_frames: int = 270, digitiser: Digitiser = WIND_TUNNEL
+) -> SyntheticRecording:
     """The bat as a real one was recorded: 4 cameras at 700 Hz in a wind tunnel, clicked by a human over half a second.
 
     Rig, clicks and folding are tuned to three flights (078A3 F2, F3, F5) of the recordings that ``mocap data path
@@ -111,7 +113,7 @@ def make_bat_wind_tunnel(*, seed: int = 0, digitiser: Digitiser = WIND_TUNNEL) -
     """
     recording = make_bat(
         seed=seed,
-        n_frames=270,
+        n_frames=n_frames,
         fps=700.0,
         cameras=wind_tunnel_cameras(),
         folding=(1.6, 0.1),

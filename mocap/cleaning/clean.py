@@ -61,7 +61,7 @@ def clean(
     """
     limit = speed_limits(xyz_m, t_s)
     if skeleton.max_speed_m_s is not None:
-        limit = np.minimum(limit, skeleton.max_speed_m_s)
+        limit = np.fmin(limit, skeleton.max_speed_m_s)
     xyz = xyz_m.copy()
     rejected: dict[str, Mask] = {}
 
@@ -80,12 +80,12 @@ def clean(
 
 
 def speed_limits(xyz_m: Array, t_s: Array) -> Array:
-    """(M,) six times the 90 % quantile of each marker's speed between neighbouring frames; inf if unknown.
+    """(M,) six times the 90 % quantile of each marker's speed between neighbouring frames; NaN if unknown.
 
     Digitising errors are rare (a few per cent), so that the quantile is the animal's.
     """
     speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / np.diff(t_s)[:, None]
-    limits = np.full(xyz_m.shape[1], np.inf)
+    limits = np.full(xyz_m.shape[1], np.nan)
     for marker, column in enumerate(speed.T):
         known = column[np.isfinite(column)]
         if len(known) >= 10:

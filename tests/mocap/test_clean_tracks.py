@@ -72,7 +72,7 @@ def test_the_speed_limit_is_the_animals():
     xyz[60:66:2, 0] += 5
     xyz[9:, 1] = np.nan
     limits = speed_limits(xyz, t)
-    np.testing.assert_allclose(limits, [6 * 0.5, np.inf])
+    np.testing.assert_allclose(limits, [6 * 0.5, np.nan])
 
 
 def test_of_two_markers_in_one_place_the_strayed_one_goes():

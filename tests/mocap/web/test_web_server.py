@@ -250,7 +250,7 @@ def test_ctrl_c_ends_the_command(films, tmp_path):
     """It answers, and ends in order: exit 0."""
     process, address = started(films, tmp_path / "out")
     try:
-        assert httpx2.get(address + "info").json()["n_frames"] == 3
+        assert httpx2.get(address + "open?trial=").json()["n_frames"] == 3
         process.send_signal(signal.SIGINT)
         assert process.wait(600) == 0
         gone(address)
@@ -264,7 +264,7 @@ def test_the_page_ends_with_the_parent(films, tmp_path):
     """A parent that is killed cannot tell; its page ends all the same."""
     process, address = started(films, tmp_path / "out", child=True)
     try:
-        assert httpx2.get(address + "info").status_code == 200
+        assert httpx2.get(address + "overview").status_code == 200
         process.kill()
         process.wait(600)
         gone(address)
@@ -281,7 +281,7 @@ def test_a_large_post_takes_no_memory(films, tmp_path):
     """
     process, address = started(films, tmp_path / "out")
     try:
-        httpx2.get(address + "info")
+        httpx2.get(address + "overview")
         before = peak_kb(process)
         url, body = urlsplit(address), b" " * 1_000_000
         host = f"Host: {url.netloc}\r\nOrigin: http://{url.netloc}\r\n"
@@ -292,7 +292,7 @@ def test_a_large_post_takes_no_memory(films, tmp_path):
             with connected(address) as one:
                 one.sendall(f"POST {url.path}click HTTP/1.1\r\n{host}{length}\r\n\r\n".encode())
                 assert refused(one, part, most=1500, pause_s=0)
-            assert httpx2.get(address + "info").status_code == 200
+            assert httpx2.get(address + "overview").status_code == 200
             assert peak_kb(process) - before < 8_000, length
     finally:
         process.kill()

@@ -250,6 +250,10 @@ def kept_by_shapes(bones: Bones, shapes: Array) -> Bones:
 
     A linear subspace does not keep lengths: of poses that it was not learned from it shows bones that vary by more
     than the animal's. Where one camera sees it, they tell the depth.
+
+    Args:
+        bones: Distances that the trials keep.
+        shapes: Poses as shapes that were not learned from them have them, m; NaN where a marker was not seen.
     """
     a, b = bones.ends.T
     body = shapes.reshape(len(shapes), -1, 3)

@@ -4,7 +4,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.fft import irfft, rfft
-from numpy.typing import NDArray
 
 from eal.arrays import Array
 
@@ -12,7 +11,7 @@ BLOCKS = 12
 """Stretches of a recording, to see how far results of parts of it differ."""
 CLEAR_SD = 4.0
 """An offset is believed where it is more than a frame and so many standard deviations: by chance 1 in 16,000 is."""
-_PRODUCTS = ((0, 0, 1.0), (1, 1, 1.0), (2, 2, 1.0), (0, 1, 2.0), (0, 2, 2.0), (1, 2, 2.0))
+_I, _J, _TWICE = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2], np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 """Entries of a symmetric matrix, and how often each is in it."""
 
 
@@ -82,16 +81,19 @@ def _pair(one: Array, other: Array, uv: Array, uv_other: Array) -> tuple[int, fl
     n_frames = len(uv)
     size = 1 << (2 * n_frames - 1).bit_length()  # no lag wraps around, and transforms are fast
     block = np.equal(np.arange(n_frames) * BLOCKS // n_frames, np.arange(BLOCKS)[:, None])
-    squares, count = np.zeros((2, BLOCKS, size // 2 + 1), dtype=complex)
-    for m in range(uv.shape[1]):  # one marker's spectra at a time are in memory
-        for i, j, twice in _PRODUCTS:
-            far = rfft(point[:, m, i] * point[:, m, j], size)
-            squares += rfft(block * (twice * line[:, m, i] * line[:, m, j]), size).conj() * far
-        count += rfft((block & seen[:, m]).astype(float), size).conj() * rfft(seen_other[:, m].astype(float), size)
-    squares, count = irfft(squares, size), irfft(count, size)
 
-    def likeliest(which: NDArray[np.int64]) -> tuple[int, float]:
-        total, n = np.maximum(squares[which].sum(axis=0), 0.0), np.round(count[which].sum(axis=0))
+    def sums(blocks: Array) -> tuple[Array, Array]:
+        """(B, size) sums of squared distances, and of samples in common, of each lag; over blocks of a camera."""
+        squares, count = np.zeros((2, len(blocks), size // 2 + 1), dtype=complex)
+        for m in range(uv.shape[1]):  # one marker's spectra at a time are in memory
+            far = rfft(point[:, m, _I].T * point[:, m, _J].T, size)
+            near = (_TWICE * line[:, m, _I] * line[:, m, _J]).T
+            squares += (rfft(near[:, None] * blocks, size).conj() * far[:, None]).sum(axis=0)
+            count += rfft((blocks & seen[:, m]).astype(float), size).conj() * rfft(seen_other[:, m].astype(float), size)
+        return irfft(squares, size), irfft(count, size)
+
+    def likeliest(squares: Array, count: Array) -> tuple[int, float]:
+        total, n = np.maximum(squares.sum(axis=0), 0.0), np.round(count.sum(axis=0))
         if not n.any():
             return 0, 0.0
         usual = total.sum() / n.sum()
@@ -100,10 +102,11 @@ def _pair(one: Array, other: Array, uv: Array, uv_other: Array) -> tuple[int, fl
         k = int(np.argmax(gain))
         return (k if k < n_frames else k - size), float(gain[k])
 
-    lag, gain = likeliest(np.arange(BLOCKS))
+    lag, gain = likeliest(*sums(block.any(axis=0, keepdims=True)))
     if abs(lag) <= 1:  # fractions of a frame are found otherwise
         return lag, 0.5, gain
-    half, rest = (likeliest(np.arange(first, BLOCKS, 2))[0] for first in (0, 1))
+    squares, count = sums(block)
+    half, rest = (likeliest(squares[first::2], count[first::2])[0] for first in (0, 1))
     if abs(half - rest) > 1:  # by chance they agree so in 3 of as many cases as there are lags
         return lag, np.inf, gain
     return lag, float(np.hypot(half - rest, 1 / np.sqrt(3))) / 2, gain

@@ -30,6 +30,8 @@ from mocap.io.contents import Bodies, FileContents
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.joint_angles import JointAngles
+from mocap.kinematics.compute import kinematics
+from mocap.kinematics.records import Kinematics
 from mocap.pipeline import sentences
 from mocap.pipeline.parts import Footage, JointPotential, Plane
 from mocap.pipeline.track_variables import angles_of_data, joints_of_data, limbs_of_data, motion_of_data
@@ -424,6 +426,16 @@ class Recording:
         return replace(
             self, data=self.data.isel(time=frames), footage=tuple(at_frames(f, frames) for f in self.footage)
         )
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation.
+
+        Raises:
+            MocapError: the recording is one film, in the plane of its picture.
+        """
+        self.in_space("kinematics")
+        return kinematics(self.motion, self.skeleton, recording=self.name)
 
     def in_space(self, what: str) -> "Recording":
         """The same, refused where it is of one film.

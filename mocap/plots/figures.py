@@ -4,7 +4,7 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from mocap.plots.animal import draw_animal
 from mocap.sides import TRUNK, side_of, words
 
 if TYPE_CHECKING:
-    from matplotlib.figure import FigureBase
+    from matplotlib.figure import Figure, FigureBase
 
 FOLDER = "figures"
+DPI = 200
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,19 +128,27 @@ def _curves(found: Kinematics, rows: Sequence[Cycle], limb: str, joints: Sequenc
 
 
 def write_pictures(shown: Sequence[Picture], folder: Path) -> dict[str, str]:
-    """Write each as PNG (200 dpi) and SVG, and return the SVG text by name."""
+    """Write each as PNG (``DPI``) and SVG, and return the SVG text by name."""
     (folder / FOLDER).mkdir()
     out: dict[str, str] = {}
     for one in shown:
+        _lay_out(cast("Figure", one.figure))
         (folder / FOLDER / f"{one.name}.png").write_bytes(drawn(one.figure, "png"))
-        one.figure.set_layout_engine("none")  # type: ignore[attr-defined]  # of the PNG: it takes as long as drawing
         svg = drawn(one.figure, "svg")
         (folder / FOLDER / f"{one.name}.svg").write_bytes(svg)
         out[one.name] = svg.decode("utf-8")
     return out
 
 
-def drawn(figure: "FigureBase", kind: str, *, dpi: int = 200) -> bytes:
+def _lay_out(figure: "Figure") -> None:
+    """Once for both files; a figure that has a layout to make is drawn once more for each, to no file."""
+    if (engine := figure.get_layout_engine()) is not None:
+        figure.set_dpi(DPI)
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
+def drawn(figure: "FigureBase", kind: str, *, dpi: int = DPI) -> bytes:
     """A figure as PNG or SVG, the same bytes each time."""
     import matplotlib as mpl
 

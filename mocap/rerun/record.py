@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import rerun.blueprint as rrb
 
-from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import cycles
 from mocap.pipeline.recording import Recording
 from mocap.rerun.blueprint import screen
@@ -39,7 +38,7 @@ def write_recording(run: Recording, path: Path, *, first: int = 1, every: int = 
         OSError: the file cannot be written there.
     """
     shown = known_part(run)
-    part = run.at(shown)
+    part = run if shown == slice(0, len(run.t_s)) else run.at(shown)
     layout = make_layout(part)
     with (
         recording_into(
@@ -69,15 +68,16 @@ def make_layout(run: Recording) -> Layout:
         for name, spatial in run.spatial_potentials.items()
         if name in landscapes
     }
-    found = kinematics(run.motion, run.skeleton, recording=run.name)
     return Layout(
         run=run,
         scene=run_scene(run),
         landscapes=landscapes,
         blocks=blocks,
         joint_frames=frames,
-        angles=chosen(found.quantities, [j.name for j in run.skeleton.joints], list(run.skeleton.measures.strokes)),
-        cycles=cycles(found, run.motion, run.skeleton),
+        angles=chosen(
+            run.kinematics.quantities, [j.name for j in run.skeleton.joints], list(run.skeleton.measures.strokes)
+        ),
+        cycles=cycles(run.kinematics, run.motion, run.skeleton),
     )
 
 

@@ -17,7 +17,6 @@ from mocap.errors import MocapError
 from mocap.filters.velocities import with_means
 from mocap.io.movies import Movie
 from mocap.io.output import result_file, result_folder
-from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
 from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
@@ -132,16 +131,6 @@ class Tracked(Recording):
     def joints(self) -> Mapping[str, Joint]:
         """The joints of the skeleton; none where no skeleton was given."""
         return {joint.name: self._joint(joint.name) for joint in self.skeleton.joints}
-
-    @cached_property
-    def kinematics(self) -> Kinematics:
-        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation.
-
-        Raises:
-            MocapError: the recording is one film, in the plane of its picture.
-        """
-        self.in_space("kinematics")
-        return kinematics(self.motion, self.skeleton, recording=self.name)
 
     @cached_property
     def moments(self) -> Kinematics:

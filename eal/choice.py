@@ -163,21 +163,15 @@ def _others(
         (k, L) 1 - V at the samples of the fold; (n, L) at the points; (L,) integral of 1 - V.
     """
     kernel = GaussianKernel(beta)
-    gram = kernel.gram(z, z)
-    size, vectors = np.linalg.eigh(gram)
-    kept = size > 1e-3 * min(lams)  # V to 3 % at the least lambda
-    back = vectors[:, kept] / np.sqrt(size[kept])
-    rows, features = gram @ back, kernel.gram(at, z) @ back
+    gram, features = kernel.gram(z, z), kernel.gram(at, z)
     overlap = (0.5 * np.pi / beta) ** (0.5 * z.shape[1]) * np.sqrt(gram)  # integrals of K_i K_j
-    integrals = back.T @ overlap @ back
-    whole = rows.T @ rows
     for one in np.unique(fold):
         out = fold == one
-        sigma, axes = np.linalg.eigh((whole - rows[out].T @ rows[out]) / (~out).sum())
-        sigma = np.maximum(sigma, 0.0)
-        response = np.stack([Tail().response(sigma, lam) for lam in lams], axis=1)
-        integral = np.einsum("ij,ij->j", axes, integrals @ axes) @ response
-        yield (rows[out] @ axes) ** 2 @ response, (features @ axes) ** 2 @ response, integral
+        sigma, axes = np.linalg.eigh(gram[~out][:, ~out] / (~out).sum())
+        # (1 - V)(x) = sum_j gain_j (u_j'k(x))^2 / n: T_z has the spectrum of the Gram matrix over n
+        gain = np.stack([Tail().gain(sigma, lam) for lam in lams], axis=1) / (~out).sum()
+        integral = np.einsum("ij,ij->j", axes, overlap[~out][:, ~out] @ axes) @ gain
+        yield (gram[out][:, ~out] @ axes) ** 2 @ gain, (features[:, ~out] @ axes) ** 2 @ gain, integral
 
 
 def _held_out(z: Array, fold: NDArray[np.intp], beta: float, lams: Sequence[float]) -> Array:

@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.fft import irfft, rfft
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 
@@ -82,7 +83,7 @@ def _pair(one: Array, other: Array, uv: Array, uv_other: Array) -> tuple[int, fl
     size = 1 << (2 * n_frames - 1).bit_length()  # no lag wraps around, and transforms are fast
     block = np.equal(np.arange(n_frames) * BLOCKS // n_frames, np.arange(BLOCKS)[:, None])
 
-    def sums(blocks: Array) -> tuple[Array, Array]:
+    def sums(blocks: NDArray[np.bool_]) -> tuple[Array, Array]:
         """(B, size) sums of squared distances, and of samples in common, of each lag; over blocks of a camera."""
         squares, count = np.zeros((2, len(blocks), size // 2 + 1), dtype=complex)
         for m in range(uv.shape[1]):  # one marker's spectra at a time are in memory
@@ -102,7 +103,7 @@ def _pair(one: Array, other: Array, uv: Array, uv_other: Array) -> tuple[int, fl
         k = int(np.argmax(gain))
         return (k if k < n_frames else k - size), float(gain[k])
 
-    lag, gain = likeliest(*sums(block.any(axis=0, keepdims=True)))
+    lag, gain = likeliest(*sums(np.ones((1, n_frames), dtype=bool)))
     if abs(lag) <= 1:  # fractions of a frame are found otherwise
         return lag, 0.5, gain
     squares, count = sums(block)

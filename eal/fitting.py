@@ -8,7 +8,7 @@ from scipy.linalg import solve_triangular
 
 from eal.arrays import Array
 from eal.kernels import GaussianKernel, Kernel
-from eal.lowrank import pivoted_cholesky
+from eal.lowrank import CholeskyFactor, pivoted_cholesky
 from eal.spectral import Projection, SpectralFilter
 
 Method = Literal["auto", "exact", "cholesky"]
@@ -66,10 +66,10 @@ def solve(
     limited = method == "auto" and len(z) <= EXACT_UP_TO
     cap = min(max_rank, len(z) // 2) if limited else max_rank
     tolerance = lam * (0.5 * accuracy) ** 2
-    found = _cholesky(kernel, z, weights, lam, spectral_filter, tolerance=tolerance, max_rank=max(cap, 1))
-    if limited and len(found.centres) == cap:
+    factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max(cap, 1))
+    if limited and len(factor.pivots) == cap:
         return _exact(kernel, z, weights, lam, spectral_filter)
-    return found
+    return _of_factor(factor, z, weights, lam, spectral_filter)
 
 
 def _exact(kernel: Kernel, z: Array, weights: Array, lam: float, spectral_filter: SpectralFilter) -> Root:
@@ -82,18 +82,8 @@ def _exact(kernel: Kernel, z: Array, weights: Array, lam: float, spectral_filter
     return Root(centres=z, root=root, eigenvalues=sigma, missing=0.0, method="exact")
 
 
-def _cholesky(
-    kernel: Kernel,
-    z: Array,
-    weights: Array,
-    lam: float,
-    spectral_filter: SpectralFilter,
-    *,
-    tolerance: float,
-    max_rank: int,
-) -> Root:
+def _of_factor(factor: CholeskyFactor, z: Array, weights: Array, lam: float, spectral_filter: SpectralFilter) -> Root:
     """B = C^-T R diag(r)^1/2 with R, sigma from the SVD of the samples in the basis of the pivots."""
-    factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max_rank)
     total = weights.sum()
     sigma, vectors = _principal_axes(factor.rows, weights / total)
     columns = vectors * np.sqrt(spectral_filter.response(sigma, lam))

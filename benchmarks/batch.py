@@ -4,7 +4,7 @@ Everything is measured through the commands that a user types, in processes of t
 over ``mocap track`` (``xargs -P 2``, as GNU parallel would do it), which pays the start of Python for each trial.
 
 Wall-clock times are those of this machine while it was measured; processor seconds of the processes, which a busy
-neighbour changes less, are beside them.
+neighbour changes less, are beside them. ``DIR/table.csv`` has a row for each command, ``DIR/batch.md`` all tables.
 """
 
 import argparse
@@ -183,6 +183,8 @@ def trials(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
         "| command | wall s | processor s | processor s a trial |",
         "|---|---|---|---|",
     ]
+    rows = [{"command": name, **vars(one), "cpu_s_a_trial": one.cpu_s / count} for name, one in took.items()]
+    pd.DataFrame(rows).to_csv(folder / "table.csv", index=False, float_format="%.6g")
     for name, one in took.items():
         lines.append(f"| {name} | {one.wall_s:.1f} | {one.cpu_s:.1f} | {one.cpu_s / count:.2f} |")
     alone, two, bare, *others = took.values()

@@ -1,13 +1,14 @@
 """How fast the tracker is, and what memory it takes.
 
-``python -m benchmarks.tracker_speed [PART ...] [--quick]``; parts are those of ``PARTS``, or all.
+``python -m benchmarks.tracker_speed [PART ...] [--quick] [--out DIR]``; parts are those of ``PARTS``, or all. A row for
+each thing that was run is printed, and written to ``DIR/table.csv``: its part, what it is, its frames, seconds of the
+processor, these over those of ``loop`` in the same minute (a busy machine slows both), seconds on the wall, megabytes.
 
-*frames*: 34 markers in 30 cameras, every ray seen: 2040 rows a frame. Times are of one BLAS thread, for every frame: on
-the wall, and of the processor alone, which a busy machine changes less; the best of ``ROUNDS`` runs that take turns.
-Frames a second are those of the wall. *memory* is by how much the peak of a process of its own grows, beyond what it
-held with the recording in it; ``smooth`` is given 200 MB for states. What was seen of each ray, 0.05 MB a frame, is
-returned by ``filter`` and ``smooth``, and given away by ``live``. *many*: positions of ever more markers. *commands*:
-whole commands, in processor time over that of ``loop`` in the same minute: a busy machine slows both.
+*frames*: 34 markers in 30 cameras, every ray seen: 2040 rows a frame, on one BLAS thread; the best of ``ROUNDS`` runs
+that take turns. *memory* is by how much the peak of a process of its own grows, beyond what it held with the recording
+in it; ``smooth`` is given 200 MB for states. What was seen of each ray, 0.05 MB a frame, is returned by ``filter`` and
+``smooth``, and given away by ``live``. *many*: positions of ever more markers. *commands*: whole commands, in one
+process. *mouse*: 10,500 frames of 11 positions, the time to learn a pose model from them, and to smooth them.
 """
 
 import argparse
@@ -17,12 +18,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from mocap.datasets import make_bat
 from mocap.datasets.rig import tunnel_cameras
 from mocap.filters.anatomy import Anatomy
@@ -31,7 +33,6 @@ from mocap.filters.models.base import TrialSet
 from mocap.filters.models.constant_velocity import learn_constant_velocity
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.base import MotionModel
-from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import filter_forward, smooth
@@ -45,10 +46,28 @@ from mocap.records import Status
 
 N_CAMERAS, N_MARKERS, SD_PX, FPS = 30, 34, 1.0, 240.0
 ROUNDS = 3
-PARTS = ["frames", "memory", "many", "commands", "mouse"]
 DATA = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 FLIGHT = DATA / "bat_windtunnel_dltdv8" / "derived_csv" / "078A3_F5"
 MOUSE = DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What one thing took; NaN where that was not measured.
+
+    Attributes:
+        what: What was run.
+        frames: Of how many frames; 0: it has none.
+        cpu_s: Seconds of the processor.
+        wall_s: Seconds on the wall.
+        memory_mb: Growth of the peak of memory.
+    """
+
+    what: str
+    frames: int = 0
+    cpu_s: float = np.nan
+    wall_s: float = np.nan
+    memory_mb: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,18 +138,16 @@ def best(calls: dict[str, Callable[[], None]], rounds: int) -> dict[str, tuple[f
     return found
 
 
-def show(title: str, case: Case, calls: dict[str, Callable[[], None]], rounds: int) -> None:
-    """Print a line for each call."""
-    n_frames = len(case.t_s)
-    for name, (wall, cpu) in best(calls, rounds).items():
-        print(
-            f"{title:44}{case.model.size:4}  {name:22}{1e3 * wall / n_frames:9.2f}{1e3 * cpu / n_frames:9.2f}"
-            f"{n_frames / wall:10.0f}",
-            flush=True,
-        )
+def timed(what: str, case: Case, calls: dict[str, Callable[[], None]], rounds: int) -> list[Row]:
+    """A row for each call."""
+    n, found = len(case.t_s), best(calls, rounds)
+    return [
+        Row(what=f"{what}, n = {case.model.size}: {name}", frames=n, cpu_s=cpu, wall_s=wall)
+        for name, (wall, cpu) in found.items()
+    ]
 
 
-def memory(what: str, n_frames: int) -> float:
+def grown(what: str, n_frames: int) -> float:
     """Growth of this process' peak in MB, by Linux' counters."""
     case = markers(n_frames)
     calls = {
@@ -151,7 +168,7 @@ def _resident_mb(which: str) -> float:
 
 
 def apart(what: str, n_frames: int) -> float:
-    """``memory`` in a process of its own."""
+    """``grown`` in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.tracker_speed", "--memory", what, "--frames", str(n_frames)]
     return float(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
 
@@ -168,11 +185,34 @@ def loop() -> float:
         return time.process_time() - start
 
 
-def many(n_frames: int) -> None:
+def frames(quick: bool) -> Iterator[list[Row]]:
+    """Each model, forward, forward and back, and live."""
+    n_frames, rounds = (100, 1) if quick else (300, ROUNDS)
+    case = markers(n_frames)
+    lines = {"filter": case.filtered, "filter + smooth": case.smoothed}
+    lags = {"live, lag 10": partial(case.lagged, 10, 1), "live, lag 10, by tens": partial(case.lagged, 10, 10)}
+    yield timed("constant velocity a marker", case, lines | lags, rounds)
+    for title, settings in {
+        "pose, no forces": PoseSettings(potential="none", bones=0.0),
+        "pose, V_z": PoseSettings(bones=0.0),
+        "pose, V_z, bones": PoseSettings(),
+    }.items():
+        case = twin(n_frames, settings)
+        yield timed(title, case, {"filter": case.filtered, "filter + smooth": case.smoothed}, rounds)
+
+
+def memory(quick: bool) -> Iterator[list[Row]]:
+    """Of markers by themselves, in few frames and in four times as many."""
+    for what in ("filter", "live, lag 10", "smooth"):
+        counts = (100, 400) if quick else (500, 2000)
+        yield [Row(what=f"constant velocity: {what}", frames=n, memory_mb=apart(what, n)) for n in counts]
+
+
+def many(quick: bool) -> Iterator[list[Row]]:
     """The pose model of ever more markers between those of the bat, each of which wanders by 0.3 mm."""
+    n_frames = 50 if quick else 150
     film = make_bat(n_frames=n_frames, n_cameras=2)
     trunk, t_s = [film.truth.names.index(name) for name in film.skeleton.trunk], film.truth.t_s
-    least = None
     for count in (34, 60, 100, 300):
         rng = np.random.default_rng(0)
         ends = rng.integers(0, N_MARKERS, (2, count - N_MARKERS))
@@ -182,95 +222,86 @@ def many(n_frames: int) -> None:
         with one_blas_thread():
             model = PoseSettings(regression=0.0).fit(TrialSet([own], Anatomy(tuple(trunk)))).motion
         case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), t_s)
-        _, cpu = best({"smooth": case.smoothed}, 1)["smooth"]
-        least = cpu if least is None else least
-        print(f"{count:4} markers{1e3 * cpu / n_frames:9.1f} ms a frame{cpu / least:9.2f} times 34", flush=True)
+        yield timed(f"{count} markers", case, {"smooth": case.smoothed}, 1)
 
 
-def commands() -> None:
-    """``mocap`` in one process, in loops."""
+def commands(quick: bool) -> Iterator[list[Row]]:  # noqa: ARG001
+    """``mocap`` in one process."""
     files = [str(FLIGHT / f"{FLIGHT.name}_xypts.csv"), "--calibration", str(FLIGHT / f"{FLIGHT.name}_dltCoefs.csv")]
     asked = {"demo": ["demo"]}
     asked |= {"info": ["info", files[0]], "track": ["track", *files, "--fps", "700"]} if FLIGHT.exists() else {}
     for name, command in asked.items():
         with tempfile.TemporaryDirectory() as folder:
             out = [] if name == "info" else ["--out", str(Path(folder) / "run")]
-            before, unit = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, loop()
+            before, start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, time.perf_counter()
             environment = os.environ | {"MOCAP_JOBS": "1", "OMP_NUM_THREADS": "1"}
             mocap = str(Path(sys.executable).with_name("mocap"))
             subprocess.run([mocap, *command, *out], env=environment, check=True, capture_output=True)
-            spent = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-        unit = 0.5 * (unit + loop())
-        print(f"mocap {name:24}{spent:8.2f} s of the processor{spent / unit:8.2f} loops of {unit:.2f} s", flush=True)
+            wall = time.perf_counter() - start
+        cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        yield [Row(what=f"mocap {name}", cpu_s=cpu, wall_s=wall)]
 
 
-def mouse() -> None:
-    """10,500 frames of 11 positions: the time to learn a pose model from them, and to smooth them."""
+def mouse(quick: bool) -> Iterator[list[Row]]:
+    """A long recording of positions; a fifth of it if quick."""
+    if not MOUSE.exists():
+        return
     tracks = read_mat(MOUSE).points
-    xyz = np.where((tracks.status == Status.MEASURED)[..., None], tracks.xyz_m, np.nan)
+    some = slice(0, len(tracks.t_s) // 5 if quick else None)
+    xyz = np.where((tracks.status == Status.MEASURED)[..., None], tracks.xyz_m, np.nan)[some]
     trunk = [tracks.names.index(n) for n in ("left_coord", "right_coord", "left_back", "right_back", "miniscope")]
-    own = MarkerTrial(name="mouse", t_s=tracks.t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 1e-4))
-    start = time.perf_counter()
+    own = MarkerTrial(name="mouse", t_s=tracks.t_s[some], xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 1e-4))
+    wall, cpu = time.perf_counter(), time.process_time()
     with one_blas_thread():
         model = PoseSettings().fit(TrialSet([own], Anatomy(tuple(trunk)))).motion
-    learned = time.perf_counter() - start
-    case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), tracks.t_s)
-    (wall, cpu) = best({"smooth": case.smoothed}, 1)["smooth"]
-    print(
-        f"mouse, {len(xyz)} x {xyz.shape[1]} positions, V_z, bones, n = {model.size}: learned in {learned:.1f} s, "
-        f"filtered and smoothed in {wall:.1f} s ({cpu:.1f} s of the processor)"
-    )
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    yield [Row(what="mouse: learn", frames=len(xyz), cpu_s=cpu, wall_s=wall)]
+    case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), own.t_s)
+    yield timed("mouse", case, {"smooth": case.smoothed}, 1)
 
 
-def main() -> None:
-    """Print the table."""
+PARTS = {"frames": frames, "memory": memory, "many": many, "commands": commands, "mouse": mouse}
+
+
+def table(parts: Sequence[str], quick: bool) -> Iterator[dict[str, object]]:
+    """A row for each thing that is run, with the loops that it took: each group of rows between two runs of these."""
+    for part in parts:
+        before = loop()
+        for group in PARTS[part](quick):
+            after = loop()
+            for row in group:
+                taken = asdict(row)
+                what, n, cpu = (taken.pop(name) for name in ("what", "frames", "cpu_s"))
+                yield dict(part=part, what=what, frames=n, cpu_s=cpu, loops=cpu / (0.5 * (before + after)), **taken)
+            before = after
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", nargs="*", choices=[*PARTS, []], help="all of them if none is given")
-    parser.add_argument("--quick", action="store_true", help="a third of the frames, one round")
+    parser.add_argument("--quick", action="store_true", help="a third of the frames or fewer, one round")
+    parser.add_argument("--out", type=Path, help="folder for table.csv")
     parser.add_argument("--memory", help=argparse.SUPPRESS)
     parser.add_argument("--frames", type=int, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.memory:
-        print(memory(options.memory, options.frames))
+    given = parser.parse_args(arguments)
+    if given.memory:
+        print(grown(given.memory, given.frames))
         return
-    parts = options.part or PARTS
-    n_frames, rounds = (100, 1) if options.quick else (300, ROUNDS)
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
-    if "frames" in parts:
-        frames(n_frames, rounds)
-    if "memory" in parts:
-        print(f"\n{'memory, MB: constant velocity':34}{'500 frames':>12}{'2000 frames':>12}")
-        for what in ("filter", "live, lag 10", "smooth"):
-            few, more = (100, 400) if options.quick else (500, 2000)
-            print(f"{what:34}{apart(what, few):12.0f}{apart(what, more):12.0f}")
-    if "many" in parts:
-        many(n_frames // 2)
-    if "commands" in parts:
-        commands()
-    if "mouse" in parts and MOUSE.exists():
-        mouse()
-
-
-def frames(n_frames: int, rounds: int) -> None:
-    """Each model, a frame."""
-    print(f"{'34 markers x 30 cameras':44}{'n':>4}  {'':22}{'wall ms':>9}{'cpu ms':>9}{'frames/s':>10}")
-    case = markers(n_frames)
-    lines = {"filter": case.filtered, "filter + smooth": case.smoothed}
-    lags = {"live, lag 10": partial(case.lagged, 10, 1), "live, lag 10, by tens": partial(case.lagged, 10, 10)}
-    show("constant velocity a marker", case, lines | lags, rounds)
-    for title, settings in {
-        "pose, no forces": PoseSettings(potential="none", bones=0.0),
-        "pose, V_z": PoseSettings(bones=0.0),
-        "pose, V_z, bones": PoseSettings(),
-    }.items():
-        case = twin(n_frames, settings)
-        assert isinstance(case.model, PoseMotion)
-        show(
-            f"{title}, rank {case.model.rank}",
-            case,
-            {"filter": case.filtered, "filter + smooth": case.smoothed},
-            rounds,
+    print(f"{'part':9}{'':62}{'frames':>7}{'cpu s':>9}{'loops':>8}{'wall s':>9}{'MB':>7}{'ms/frame':>10}")
+    rows = []
+    for row in table(given.part or list(PARTS), given.quick):
+        rows.append(row)
+        each = 1e3 * row["cpu_s"] / row["frames"] if row["frames"] else np.nan
+        line = (
+            f"{row['part']:9}{row['what']:62}{row['frames']:7}{row['cpu_s']:9.2f}{row['loops']:8.2f}"
+            f"{row['wall_s']:9.2f}{row['memory_mb']:7.0f}{each:10.2f}"
         )
+        print(line.replace("nan", "  -"), flush=True)
+        if given.out is not None:
+            given.out.mkdir(parents=True, exist_ok=True)
+            pd.DataFrame(rows).to_csv(given.out / "table.csv", index=False, float_format="%.6g")
 
 
 if __name__ == "__main__":

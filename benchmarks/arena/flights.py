@@ -52,16 +52,17 @@ class Flight:
         return np.flatnonzero(np.isfinite(self.truth_m[..., 0]).any(axis=1))
 
 
-def read_flights(data: Path, network: str) -> list[Flight]:
+def read_flights(data: Path, network: str, *, most: int | None = None) -> list[Flight]:
     """All flights of the folder.
 
     Args:
         data: Folder of the real recordings.
         network: A key of ``NETWORKS``.
+        most: So many of them; None: all.
     """
     folder = data / FOLDER
     root = next(folder.glob(f"{NETWORKS[network]}_*"))
-    return [_flight(folder, views) for views in sorted(root.iterdir())]
+    return [_flight(folder, views) for views in sorted(root.iterdir())[:most]]
 
 
 def _flight(folder: Path, views: Path) -> Flight:

@@ -203,11 +203,8 @@ def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) ->
 
 def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:
     """Write names and (rows, columns) numbers, ``NaN`` where missing."""
-    import pandas as pd
-
+    row = ",".join([f"%.{decimals}f"] * values.shape[1]) + "\n"
     with path.open("w", encoding="utf-8", newline="") as stream:
         if names:
             csv.writer(stream, lineterminator="\n").writerow(as_cells(names))
-        pd.DataFrame(values).to_csv(
-            stream, header=False, index=False, float_format=f"%.{decimals}f", na_rep="NaN", lineterminator="\n"
-        )
+        stream.writelines((row % tuple(one.tolist())).replace("nan", "NaN") for one in values)

@@ -104,18 +104,17 @@ def _with_sd(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """Values and their standard deviations as text, with the decimals that the smallest of these asks for."""
     positive = sd[np.isfinite(sd) & (sd > 0)]
     digits = 6 if not len(positive) else int(np.clip(2 - np.floor(np.log10(positive.min())), 0, 9))
-    form = f"%.{digits}f\n" * len(values)  # all in one call: NumPy's formatting takes three times as long
-
-    def text(x: np.ndarray) -> np.ndarray:
-        return np.array((form % tuple(x.tolist())).replace("nan", "NaN").split("\n")[:-1], dtype=object)
-
-    return text(values), text(sd)
+    return _text(values, digits), _text(sd, digits)
 
 
 def column_text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:
     """A column as text: seven decimals, and more where two digits of the smallest (T,) deviation ``sd`` need them."""
-    form = f"%.{decimals_of(values, sd, least=7)}f"
-    return np.where(np.isfinite(values), np.char.mod(form, np.nan_to_num(values)), "NaN")
+    return _text(np.where(np.isfinite(values), values, np.nan), decimals_of(values, sd, least=7))
+
+
+def _text(values: np.ndarray, decimals: int) -> np.ndarray:
+    form = f"%.{decimals}f\n" * len(values)  # all in one call: NumPy's formatting takes three times as long
+    return np.array((form % tuple(values.tolist())).replace("nan", "NaN").split("\n")[:-1], dtype=object)
 
 
 def write_columns(path: Path, t_s: np.ndarray, columns: dict[str, np.ndarray]) -> None:

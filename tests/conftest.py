@@ -2,11 +2,13 @@
 
 import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from typer.main import get_command
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # `tests.reference` and `tests.real_data`, however pytest was started
@@ -197,10 +199,18 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Groups(config, log)
 
 
+@cache
+def commands(app: Any) -> Any:
+    """All commands as Typer builds them, once: otherwise each call takes as long as a short table."""
+    return get_command(app)
+
+
 @pytest.fixture
 def mocap(monkeypatch, capsys):
     """Exit code, stdout and stderr of a command in this process."""
     from mocap.cli.main import main
+
+    monkeypatch.setattr("typer.main.get_command", commands)
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])

@@ -283,16 +283,6 @@ def test_a_wrong_name_of_a_model(mocap, flights, tmp_path, given, said):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_recording_is_no_model(mocap, flights, tmp_path):
-    """A table in place of a model is named."""
-    folder, _ = flights
-    tracks = folder / "f2_xyzpts.csv"
-    code, _, err = mocap("track", tracks, "--fps", 240, "--model", folder / "f0_xyzpts.csv", "--out", tmp_path / "r")
-    assert code == 1
-    assert "not a model that mocap learn wrote" in err
-    assert "f0_xyzpts.csv" in err
-
-
 def test_another_rate_or_other_markers(mocap, flights, model, tmp_path):
     """Both rates, or both sets of names; exit code 1, nothing written."""
     folder, _ = flights
@@ -327,12 +317,6 @@ def test_what_cannot_be_learned_from(mocap, tmp_path, n_frames, names, options, 
     assert code == 1
     assert said in err
     assert not (tmp_path / "m.npz").exists()
-
-
-def test_wrong_usage_is_exit_code_2(mocap):
-    """No recording, no target."""
-    assert mocap("learn")[0] == 2
-    assert mocap("learn", "a.csv")[0] == 2
 
 
 PROJECTS = {

@@ -108,34 +108,6 @@ def test_scales_and_widths_act_on_deviations(seed):
     np.testing.assert_allclose(few, widen * 3.182 / 1.96, rtol=5e-4)  # four digits
 
 
-def test_a_sure_model_wins():
-    """Inverse variances: of two unbiased models with power 1 the mean is the best linear one; with power 2 more so."""
-    rng = np.random.default_rng(2)
-    means, _, length = said(2, rng)
-    variance = np.array([1e-4, 9e-4])
-    covs = [np.broadcast_to(v * np.eye(3), (6, 3, 3, 3)) for v in variance]
-    even = {"offset": np.zeros(2), "slope": np.zeros(2)}
-    one, _ = mixture(2, rng, power=1.0, **even).combine(means, covs, length)
-    np.testing.assert_allclose(one, (9 * means[0] + means[1]) / 10, rtol=1e-12, atol=1e-15)
-    two, _ = mixture(2, rng, power=2.0, **even).combine(means, covs, length)
-    np.testing.assert_allclose(two, (81 * means[0] + means[1]) / 82, rtol=1e-12, atol=1e-15)
-    sure = [np.full((6, 3, 3, 3), 0.0) + 1e-12 * np.eye(3), covs[1]]
-    mean, cov = mixture(2, rng, power=1.0, **even).combine(means, sure, length)
-    np.testing.assert_allclose(mean, means[0], atol=1e-8)
-    assert np.abs(cov).max() < 1e-9
-
-
-def test_far_apart_models_are_not_sure():
-    """Two models of equal weight that are d apart: their covariance gains d d^T / 4."""
-    rng = np.random.default_rng(3)
-    apart = np.array([0.3, -0.1, 0.2])
-    mean, cov = np.zeros((2, 1, 3)), np.broadcast_to(1e-6 * np.eye(3), (2, 1, 3, 3))
-    mixed = mixture(2, rng, offset=np.zeros(2), slope=np.zeros(2))
-    middle, wide = mixed.combine([mean, mean + apart], [cov, cov], np.full((2, 1), 20))
-    np.testing.assert_allclose(middle, np.broadcast_to(apart / 2, middle.shape), atol=1e-15)
-    np.testing.assert_allclose(wide, np.broadcast_to(1e-6 * np.eye(3) + np.outer(apart, apart) / 4, wide.shape))
-
-
 @given(seed=st.integers(0, 1000), n_frames=st.integers(1, 40), share=st.sampled_from([0.0, 0.3, 0.8, 1.0]))
 def test_gap_lengths_are_counted(seed, n_frames, share):
     """Against walking to both sides from every sample."""
@@ -217,7 +189,7 @@ def test_the_best_of_both_on_fresh_data(stated):
         assert each[2] < (1.03 if stated is None else 1.1) * min(each[:2])
 
 
-@pytest.mark.parametrize("wrong", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("wrong", [0.5, 2.0])
 @pytest.mark.parametrize("models", [[short], [long, short]])
 def test_widths_give_95_per_cent(models, wrong):
     """Stated deviations that are half or twice the true ones: fresh intervals hold 95 %, and those of each length.
@@ -235,7 +207,7 @@ def test_widths_give_95_per_cent(models, wrong):
         assert inside[own.length == n].mean() == pytest.approx(0.95, abs=0.015)
 
 
-@pytest.mark.parametrize("wrong", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("wrong", [0.5, 2.0])
 def test_widths_make_errors_what_is_stated(wrong):
     """Errors that gaps have in common, stated at half or twice: z of fresh gaps is 1, in all and at each length.
 

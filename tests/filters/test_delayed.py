@@ -8,6 +8,7 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.models import delayed_poses
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.delayed_poses import Delayed, completed, fill_delayed, gaps_of
+from mocap.filters.neighbours import Neighbours, body_itself
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 
@@ -123,25 +124,28 @@ def test_a_marker_that_nobody_saw_has_no_position():
 
 
 def test_regressors_are_delayed_poses_whose_ends_are_held():
-    """Against a loop over frames and delays, of markers that move as one with the asked: all weights are 1 / 0.1.
+    """Against a loop over frames and delays, centred and scaled, of markers that move as one with the asked.
 
-    From the neighbours all delays are in the frame of the row itself.
+    All weights are then alike. From the neighbours all delays are in the frame of the row itself.
     """
     poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(RANKS)
     known = Delayed(poses, shapes)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
     others = np.isin(np.arange(8), (1, 4, 6))
-    whole = completed(poses, shapes)
-    for view in known._views(5, others, frames):
-        seen_from = view.frames(known._at(frames))
-        found = known._regressors(view, frames, seen_from).reshape(3, len(known._lags), 3, 3)
+    whole = [pose.reshape(-1, 8, 3) for pose in completed(poses, shapes)]
+    near = Neighbours.of(others, known._at(frames), np.zeros(3))
+    from_body, from_near = known._tasks(5, others, frames, frames[:0])
+    for task, frames_of in ((from_body, lambda _: body_itself(1)), (from_near, near.frames)):
+        expected = np.zeros((3, len(known._lags), 8, 3))
         for row, (k, frame) in enumerate(frames):
-            pose = whole[k].reshape(-1, 8, 3)
-            at = view.frames(pose[[frame]])
+            at = frames_of(whole[k][[frame]])
             for column, lag in enumerate(known._lags):
-                delayed = pose[min(max(frame + lag, 0), 119)][others]
-                np.testing.assert_allclose(found[row, column], 10 * (delayed - at.position_m[0]) @ at.rotation[0])
+                delayed = whole[k][min(max(frame + lag, 0), 119)][others]
+                expected[row, column, others] = (delayed - at.position_m[0]) @ at.rotation[0]
+        expected = (expected - expected.mean(axis=0)).reshape(3, -1)
+        expected /= np.sqrt(np.mean(np.sum(expected**2, axis=1)))
+        np.testing.assert_allclose(task.rows.x, expected, atol=1e-12)
 
 
 def test_gaps_are_found_with_their_edges():

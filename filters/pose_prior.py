@@ -102,7 +102,7 @@ class PosePrior:
         noise_m: What a coordinate of a measured marker is known to.
         left_decay: e is a Matern-3/2 process that keeps this share from frame to frame.
         size_sd: Deviation of the logarithm of the animal's size.
-        bones: Distances that are kept, as the shapes of poses have them that they were not learned from.
+        bones: Distances that trials keep.
         turn_s: Time in which the motion of the shape turns by a radian.
         dt_s: Time step.
     """
@@ -203,7 +203,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
         noise_m=float(np.nanmedian(np.concatenate([t.sd_m[t.seen] for t in trials]))),
         left_decay=decay,
         size_sd=size_sd,
-        bones=kept_by_shapes(rigid_bones(sized), np.concatenate(apart) - np.concatenate(left)),
+        bones=rigid_bones(sized),
         turn_s=float(np.sqrt(shapes.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300))),
         dt_s=dt_s,
     )
@@ -243,27 +243,6 @@ def marker_sd(left: Sequence[Array]) -> Array:
 
     best: Any = minimize_scalar(unlikely, bounds=(1e-3, 1.0), method="bounded")
     return np.sqrt(ratios(best.x)[0].mean() * expected(best.x, squares))
-
-
-def kept_by_shapes(bones: Bones, shapes: Array) -> Bones:
-    """Bones with the lengths, and their deviations, that they have in shapes (N, 3M).
-
-    A linear subspace does not keep lengths: of poses that it was not learned from it shows bones that vary by more
-    than the animal's. Where one camera sees it, they tell the depth.
-
-    Args:
-        bones: Distances that the trials keep.
-        shapes: Poses as shapes that were not learned from them have them, m; NaN where a marker was not seen.
-    """
-    a, b = bones.ends.T
-    body = shapes.reshape(len(shapes), -1, 3)
-    length = np.linalg.norm(body[:, a] - body[:, b], axis=-1)
-    enough = np.isfinite(length).sum(axis=0) > 1
-    return Bones(
-        ends=bones.ends[enough],
-        length_m=np.nanmean(length[:, enough], axis=0),
-        sd_m=np.hypot(np.nanstd(length[:, enough], axis=0), bones.sd_m[enough]),
-    )
 
 
 def _mean_squares(left: Array) -> Array:

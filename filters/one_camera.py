@@ -193,7 +193,7 @@ def track_views(
         raise FilterError("poses could not be found from this camera: no search came to an end")
     ends.sort(key=lambda end: end[1][-1])
     (best, lower), (second, higher) = ends[0], ends[-1]
-    apart = recorded.markers(second) - recorded.markers(best)
+    apart = (recorded.markers(second) - recorded.markers(best)).reshape(len(best.z), -1)
     same = np.sqrt(np.mean(apart**2)) < SAME * np.sqrt(np.mean(prior.mean**2))
     other = 0.0 if same else float(expit((lower[-1] - higher[-1]) / prior.lasts))
     tell(0.8)
@@ -205,9 +205,6 @@ def track_views(
     for m in range(prior.markers):
         _add_left(prior, views, xyz, lags, m)
     if other > UNDECIDED:
-        apart = (recorded.markers(held_by_bones(recorded, views, second)[1]) - recorded.markers(best)).reshape(
-            len(xyz), -1
-        )
         for lag, part in enumerate(lags):
             part += other * (1 - other) * apart[lag:, :, None] * apart[: len(xyz) - lag, None]
     blocks = lags[0].reshape(len(xyz), prior.markers, 3, prior.markers, 3)

@@ -311,20 +311,19 @@ class Update:
             vector[..., :reads] -= _times(_t(self.rows), self.innovation)
             matrix[..., :reads, :reads] += _t(self.rows) @ self.rows
             return Adjoint(vector, matrix)
-        # what is not symmetric would be taken from both sides in the same sense, and grow by a factor a frame
-        vector, matrix = adjoint.vector.copy(), _symmetric(adjoint.matrix)
+        vector = adjoint.vector.copy()
         if self.force is not None:
             vector[..., :reads] -= self.force
         pull = _times(self.gains, vector) + self.innovation
         vector[..., :reads] -= _times(_t(self.rows), pull)
-        along = self.gains @ matrix
+        along = self.gains @ adjoint.matrix
         across = along @ _t(self.gains)
         diagonal(across)[...] += 1
         along[..., :reads] -= 0.5 * across @ self.rows
-        change = _t(self.rows) @ along
-        matrix[..., :reads, :] -= change
-        matrix[..., :, :reads] -= _t(change)
-        return Adjoint(vector, matrix)
+        half = 0.5 * adjoint.matrix
+        half[..., :reads, :] -= _t(self.rows) @ along
+        # what is not symmetric would be taken from both sides in the same sense, and grow by a factor a frame
+        return Adjoint(vector, half + _t(half))
 
     def carry(self, rows: Array) -> Array:
         """(..., n) rows of covariances with the state before it: with the state after it."""
@@ -413,8 +412,8 @@ def diagonal(matrix: Array) -> Array:
 
 def diagonal_blocks(spread: Array) -> Array:
     """(M, 3, 3) blocks on the diagonals of (..., 3m, 3m)."""
-    blocks = spread.reshape(*spread.shape[:-2], spread.shape[-1] // 3, 3, -1, 3)
-    return np.moveaxis(blocks.diagonal(axis1=-4, axis2=-2), -1, -3).reshape(-1, 3, 3)
+    count = spread.shape[-1] // 3
+    return np.einsum("...iaib->...iab", spread.reshape(*spread.shape[:-2], count, 3, count, 3)).reshape(-1, 3, 3)
 
 
 def _symmetric(matrix: Array) -> Array:

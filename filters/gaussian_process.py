@@ -96,9 +96,12 @@ class Covariance:
             here, there = a.trial == trial, b.trial == trial
             both = (slice(None), slice(None)) if here.all() and there.all() else np.ix_(here, there)
             u = np.abs((np.sqrt(3) / self.memory) * (a.t[here][:, None] - b.t[there]))
-            more = self.own * bent[both]
+            more = np.exp(-u)
+            u += 1
+            more *= u
+            more *= self.slow
             more += self.trial
-            more += self.slow * (1 + u) * np.exp(-u)
+            more += self.own * bent[both]
             out[both] += more
         return out
 
@@ -145,25 +148,26 @@ def _square(a: Rows, b: Rows, inner: Array) -> Array:
     return np.maximum(np.sum(a.x**2, axis=1)[:, None] + np.sum(b.x**2, axis=1) - 2 * inner, 0.0)
 
 
-def predict(covariance: Covariance, rows: Rows, y: Array, asked: Rows) -> tuple[Array, Array]:
+def predict(covariance: Covariance, rows: Rows, y: Array) -> tuple[Array, Array]:
     """Posterior at rows that are asked for.
 
     The scale of each column of y is the one of highest likelihood, sqrt(y' K^-1 y / n).
 
     Args:
         covariance: Of the process.
-        rows: n known rows.
-        y: (n, c) their values, centred.
-        asked: m rows.
+        rows: n known rows, then m that are asked for.
+        y: (n, c) values of the known ones, centred.
 
     Returns:
         (m, c) means and (m, c) variances, without noise.
     """
-    factor = cho_factor(covariance(rows, rows) + covariance.noise * np.eye(len(y)), lower=True)
+    n = len(y)
+    every = covariance(rows, Rows(x=rows.x[:n], trial=rows.trial[:n], t=rows.t[:n]))
+    cross = every[n:]
+    factor = cho_factor(every[:n] + covariance.noise * np.eye(n), lower=True)
     solved = cho_solve(factor, y)
-    cross = covariance(asked, rows)
     explained = np.sum(solve_triangular(factor[0], cross.T, lower=True) ** 2, axis=0)
-    prior = covariance.prior(asked)
+    prior = covariance.prior(rows)[n:]
     left = np.maximum(prior - explained, 1e-6 * prior)
     return cross @ solved, left[:, None] * np.mean(y * solved, axis=0)
 

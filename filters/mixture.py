@@ -12,8 +12,8 @@ from scipy.special import ndtri, stdtrit
 from eal.arrays import Array, frozen
 
 PRIOR = 12.0
-"""What gaps of one length show of scales is drawn to that of all lengths as if so many gaps more had, and what those of
-one recording show of the width to what was learned."""
+"""What gaps of one length show of scales is drawn to what those of all lengths do as if so many gaps more had, and what
+those of one recording show of the width to what was learned."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,11 +101,12 @@ class Mixture:
         Args:
             residuals: What each of the K models missed the hidden samples by.
         """
-        gap, found = residuals[0].gap, []
+        gap, found = residuals[0].gap, list[float]()
         for part, scaling in zip(residuals, self.scaling(residuals[0].length), strict=True):
             scaled = replace(part, variance=part.variance * scaling[:, None] ** 2)
-            found.append(_log_scale(scaled, [gap == one for one in np.unique(gap)]))
-        scaled = replace(self, scale=self.scale * np.exp(_share(gap, 2.0) * (np.array(found) - np.mean(found))))
+            found.append(_log_scale(scaled))
+        count = len(np.unique(gap))
+        scaled = replace(self, scale=self.scale * np.exp(count / (count + 2) * (np.array(found) - np.mean(found))))
         learned = min(self.dof, PRIOR * residuals[0].error_m.shape[1])
         own = mixed_residuals(replace(scaled, widen=1.0, dof=np.inf), residuals)
         return replace(scaled, **_width(own, prior=self.widen, dof=learned))
@@ -114,8 +115,8 @@ class Mixture:
 def learn_mixture(residuals: Sequence[Residuals]) -> Mixture:
     """The mixture of K models that fills hidden gaps with the least error: the mean over lengths of log rmse.
 
-    A generalisation of stacking (Wolpert 1992). Each model's scale is the root mean square of its errors in units of
-    what it states in gaps of a length, drawn to those of all lengths as if ``PRIOR`` gaps more had shown them. The
+    A generalisation of stacking (Wolpert 1992). Each model's scale in gaps of a length is the factor that its errors
+    show there, drawn to the geometric mean over lengths as if ``PRIOR`` gaps more had shown that (``_width``). The
     width is that of gaps that the mixture was not learned from (each fifth of them by the mixture of the others): in
     its own gaps a mixture errs by less than in those that it will fill.
 
@@ -144,17 +145,17 @@ def mixed_residuals(mixture: Mixture, residuals: Sequence[Residuals]) -> Residua
 
 
 def _width(found: Residuals, *, prior: float, dof: float) -> dict[str, float]:
-    """``widen`` and ``dof`` of a mixture: the factor on its deviations that errors show, drawn to that of a prior.
+    """``widen`` and ``dof``: the factor on stated deviations that errors show, drawn to that of a prior.
 
     The square is the posterior mean of a variance under a scaled inverse chi-square prior (Gelman et al. 2013, Bayesian
     Data Analysis, section 2.6): the mean of both, by degrees of freedom. What errors show is their mean square, less
     that of the noise, over what is stated. A sample counts for what it shows (its Fisher information): the square of
     the estimate's share of the variance. Samples of a gap err alike: the variance of the mean square is the one from
-    gap to gap (the sandwich estimate for clusters), and a gap is no more than one normal error of each coordinate.
-    Degrees of freedom are 2 over the relative variance (Satterthwaite 1946).
+    gap to gap (the sandwich estimate for clusters), in units of the variance that errors show, and a gap is no more
+    than one normal error of each coordinate. Degrees of freedom are 2 over the relative variance (Satterthwaite 1946).
 
     Args:
-        found: What a mixture misses hidden samples by, its intervals not widened.
+        found: What a model or a mixture misses hidden samples by, its deviations not widened.
         prior: Factor of the prior.
         dof: Its degrees of freedom; those of one gap where only the models' own scales speak (a unit information
             prior: Kass & Wasserman 1995).
@@ -167,19 +168,21 @@ def _width(found: Residuals, *, prior: float, dof: float) -> dict[str, float]:
         share = (variance / (variance + noise)) ** 2
         excess = share * ((found.error_m**2 - noise) / variance - 1)
         mean = excess.sum() / share.sum()
-        apart = np.bincount(gap, (excess - mean * share).sum(axis=1))
+        shows = (variance + noise) / (max(1 + mean, 1e-3) * variance + noise)
+        apart = np.bincount(gap, (shows * (excess - mean * share)).sum(axis=1))
         varies = np.sum(apart**2) / share.sum() ** 2 * count / max(count - 1, 1)
         shown = 2 / max(varies, 2 / (count * n_axes))
         squared = (dof * prior**2 + shown * squared * max(1 + mean, 0.0)) / (dof + shown)
     return {"widen": float(np.sqrt(squared)), "dof": float(dof + shown)}
 
 
-def _log_scale(part: Residuals, groups: Sequence[NDArray[np.bool_]]) -> float:
-    """Logarithm of the factor on a model's deviation by which its errors are as large as stated.
+def _log_scale(part: Residuals) -> float:
+    """Logarithm of the factor on a model's deviation by which its errors are as large as stated, gap by gap.
 
-    That is: by which root mean squares, in deviations from measurements, are 1 in the geometric mean over groups of
-    samples. It stays within 2 of 0: where measurements err by more than the model, there is nothing to see.
+    That is: by which root mean squares, in deviations from measurements, are 1 in the geometric mean over gaps. It
+    stays within 2 of 0: where measurements err by more than the model, there is nothing to see.
     """
+    groups = [part.gap == one for one in np.unique(part.gap)]
 
     def excess(log_scale: float) -> float:
         squared = part.error_m**2 / (np.exp(2 * log_scale) * part.variance + part.noise[:, None])
@@ -195,11 +198,12 @@ def _mixture(residuals: Sequence[Residuals]) -> Mixture:
     k, length = len(residuals), residuals[0].length
     lengths = np.unique(length).astype(float)
     scale = np.ones((len(lengths), k))
+    n_axes = residuals[0].error_m.shape[1]
     for i, part in enumerate(residuals):
-        overall = _log_scale(part, [np.ones(len(length), dtype=bool)])
-        for j, n in enumerate(lengths):
-            share = _share(part.gap[length == n], PRIOR)
-            scale[j, i] = np.exp(share * _log_scale(part, [length == n]) + (1 - share) * overall)
+        each = [part.some(length == n) for n in lengths]
+        alone = [_width(one, prior=1.0, dof=float(n_axes))["widen"] for one in each]
+        overall = float(np.exp(np.mean(np.log(alone))))
+        scale[:, i] = [_width(one, prior=overall, dof=PRIOR * n_axes)["widen"] for one in each]
 
     def mixture(x: Array) -> Mixture:
         offset, slope = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
@@ -216,9 +220,3 @@ def _mixture(residuals: Sequence[Residuals]) -> Mixture:
         return float(level + 0.1 * np.sum(x**2))  # offsets and slopes stay small that gain little
 
     return mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
-
-
-def _share(gap: NDArray[np.int64], prior: float) -> float:
-    """How far what so many gaps show is believed."""
-    count = len(np.unique(gap))
-    return count / (count + prior)

@@ -78,15 +78,15 @@ class RateKeeper:
             means = self._weights[len(velocity) :]
             rows = jacobian.reshape(len(velocity), -1)
             jacobian = np.concatenate([rows, means @ rows]).reshape(-1, jacobian.shape[1])
+        gains, left = shown = _through(jacobian, state.filtered, state.matrix)
         if jacobian.ndim == 2:
-            gains = jacobian @ state.filtered
-            rows = gains.reshape(-1, 6, gains.shape[1])  # P_s J^T = P (J^T - Lambda P J^T), of the points asked for
-            columns = (jacobian - gains @ state.matrix).reshape(rows.shape).swapaxes(1, 2)
-            own = rows @ columns
+            every = (gains @ left.T).reshape(-1, 6, len(gains) // 6, 6)  # faster than of the pairs alone
+            own = np.einsum("iaib->iab", every)
             own = 0.5 * (own + own.swapaxes(1, 2))
-            cross = rows[self._pairs[:, 0]] @ columns[self._pairs[:, 1]]
+            cross = every[self._pairs[:, 0], :, self._pairs[:, 1]]
         else:  # markers are independent
-            flat = state.of(jacobian).reshape(len(jacobian), 36)
+            flat = gains @ left.swapaxes(1, 2)
+            flat = (0.5 * (flat + flat.swapaxes(1, 2))).reshape(len(jacobian), 36)
             own = (self._weights**2 @ flat).reshape(-1, 6, 6)
             both = self._weights[self._pairs[:, 0]] * self._weights[self._pairs[:, 1]]
             cross = (both @ flat).reshape(-1, 6, 6)
@@ -95,14 +95,17 @@ class RateKeeper:
         self._cross.append(cross.astype(np.float32))
         if frame % EVERY not in (0, 1, 2):
             return
-        speed = jacobian.reshape(*jacobian.shape[:-2], -1, 2, 3, jacobian.shape[-1])[..., 1, :, :]
-        speed = speed.reshape(*jacobian.shape[:-2], -1, jacobian.shape[-1])
-        variance = np.einsum("...ii->...i", smoothed.of(speed)).reshape(-1, 3)
-        gains = speed @ filtered.state.cov
+        speed, cov = _speeds(jacobian), filtered.state.cov
+        alone = (
+            [_speeds(part) for part in shown]
+            if smoothed is state
+            else _through(speed, smoothed.filtered, smoothed.matrix)
+        )
+        gains, left = alone if smoothed.filtered is cov and smoothed.matrix is matrix else _through(speed, cov, matrix)
+        variance = np.einsum("...ij,...ij->...i", *alone).reshape(-1, 3)
         if len(self._ahead) == 2 and frame % EVERY == 0:
             self._kept[frame + 1] = self._change(gains, variance)
-        from_later = np.swapaxes(speed, -1, -2) - matrix @ np.swapaxes(gains, -1, -2)
-        self._ahead = [(filtered, from_later, variance), *self._ahead[:1]]
+        self._ahead = [(filtered, left, variance), *self._ahead[:1]]
 
     def _change(self, gains: Array, variance: Array) -> Array:
         """(N, 3) variance of the change of velocity over two steps, over the sum of the variances at both ends.
@@ -114,10 +117,10 @@ class RateKeeper:
             gains: (..., 3m, n) covariance of the velocities of the first of three frames with its filtered state.
             variance: (N', 3) their smoothed variances.
         """
-        (middle, _, _), (last, from_later, after) = self._ahead
+        (middle, _, _), (last, left, after) = self._ahead
         for one in (middle, last):
             gains = one.carry(gains)
-        shared = np.einsum("...ij,...ji->...i", gains, from_later).reshape(-1, 3)
+        shared = np.einsum("...ij,...ij->...i", gains, left).reshape(-1, 3)
         weights = self._weights**2 if gains.ndim == 3 else np.eye(len(variance))
         own = weights @ (variance + after)
         share = np.divide(weights @ shared, own, out=np.zeros_like(own), where=own > 0)  # rounding: no variance is left
@@ -135,6 +138,19 @@ class RateKeeper:
             cross=np.array(self._cross[::-1]),
             kept=kept,
         )
+
+
+def _through(rows: Array, filtered: Array, matrix: Array) -> tuple[Array, Array]:
+    """Rows J of a state of covariance P_s = P - P Lambda P: J P, and J - J P Lambda. One by the other is J P_s J^T."""
+    gains = rows @ filtered
+    return gains, rows - gains @ matrix
+
+
+def _speeds(rows: Array) -> Array:
+    """(..., 3m, n) the velocities of (..., 6m, n) positions and velocities."""
+    return rows.reshape(*rows.shape[:-2], -1, 2, 3, rows.shape[-1])[..., 1, :, :].reshape(
+        *rows.shape[:-2], -1, rows.shape[-1]
+    )
 
 
 def between(known: Mapping[int, Array], shape: tuple[int, ...]) -> Array:

@@ -49,12 +49,14 @@ class Neighbours:
         mean = points[0]
         for _ in range(rounds):
             found = cls(which, found.weight, mean - found.weight @ mean)
-            mean = found.frames(poses).to_body(points).mean(axis=0)
+            mean = found._frames(points).to_body(points).mean(axis=0)
         return found
 
     def frames(self, poses: Array) -> BodyFrames:
         """Frames of poses (n, M, 3): the origin is the weighted mean, the axes are those of the mean shape."""
-        points = poses[:, self.which]
+        return self._frames(poses[:, self.which])
+
+    def _frames(self, points: Array) -> BodyFrames:
         centre = self.weight @ points
         covariance = np.swapaxes(points - centre[:, None], 1, 2) @ (self.weight[:, None] * self.shape)
         extent = self.weight @ np.sum(self.shape**2, axis=1)

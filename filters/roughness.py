@@ -54,22 +54,25 @@ def _likelihoods(residual: Array, scale: Array, *, dof: float, dt_s: float, sd: 
     is that of a Kalman filter of three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once,
     whose noise is weighted by how far each sample is from its prediction (Lange et al. 1989).
     """
-    turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)[:, None]  # (K, 1, 3, 3), of [e, e1 / rate, e2 / rate^2]
-    size = (sd**2)[:, None, None]
-    added = np.moveaxis(matern_noise(rates * dt_s), -1, 0)[:, None] * size  # (K, D, 3, 3)
+    turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)  # (K, 3, 3), of [e, e1 / rate, e2 / rate^2]
+    both = np.einsum("kab,kcd->kacbd", turn, turn).reshape(-1, 9, 9)  # F P F^T of P on end
+    size = (sd**2)[:, None]
+    added = np.moveaxis(matern_noise(rates * dt_s), -1, 0).reshape(-1, 1, 9) * size  # (K, D, 9)
     mean = np.zeros((len(rates), len(sd), 3))
-    cov = np.broadcast_to(STATIONARY * size, (len(rates), len(sd), 3, 3))
+    cov = np.tile(STATIONARY.ravel() * size, (len(rates), 1, 1))
     total = np.zeros((len(rates), len(sd)))
     for y, r in zip(residual, np.maximum(scale, 1e-6) ** 2, strict=True):
         known = np.isfinite(y)
-        spread, noise = cov[..., 0, 0] + np.where(known, r, 1.0), np.where(known, r, np.inf)
+        own, first = cov[..., 0], cov[..., :3]
+        spread = own + np.where(known, r, 1.0)
         away = np.where(known, y - mean[..., 0], 0.0)
         off = 1 + away**2 / (dof * spread)
         total -= np.where(known, 0.5 * (np.log(spread) + (dof + 1) * np.log(off)), 0.0)
-        spread = cov[..., 0, 0] + noise * off * dof / (dof + 1)  # what was not seen says nothing
-        gain = cov[..., 0] / spread[..., None]
-        mean = (turn @ (mean + gain * away[..., None])[..., None])[..., 0]
-        cov = turn @ (cov - gain[..., None] * cov[..., None, 0, :]) @ np.swapaxes(turn, -1, -2) + added
+        spread = own + np.where(known, r, np.inf) * (off * (dof / (dof + 1)))  # what was not seen says nothing
+        gain = first / spread[..., None]
+        mean = (mean + gain * away[..., None]) @ turn.swapaxes(1, 2)
+        left = cov - (gain[..., None] * first[..., None, :]).reshape(cov.shape)
+        cov = left @ both.swapaxes(1, 2) + added
     return total.reshape(len(rates), -1, 3).sum(axis=2)
 
 

@@ -2,11 +2,13 @@
 
 import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from typer.main import get_command
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # `tests.reference` and `tests.real_data`, however pytest was started
@@ -19,12 +21,13 @@ settings.load_profile("project")
 
 
 SLOW = {
-    "benchmarks/gaps/test_gap_ours.py": 30,
+    "benchmarks/gaps/test_gap_ours.py": 8,
     "benchmarks/gaps/test_gap_protocol.py": 4,
     "benchmarks/gaps/test_gap_rays.py": 2,
-    "benchmarks/gaps/test_gap_run.py": 9,
+    "benchmarks/gaps/test_gap_run.py": 4,
     "benchmarks/gaps/test_gap_sets.py": 11,
     "benchmarks/gaps/test_peer_poses.py": 2,
+    "benchmarks/test_desk_clicks.py": 4,
     "benchmarks/test_kinematics_peers.py": 6,
     "datasets/test_calibration_pictures.py": 6,
     "datasets/test_catalogue.py": 4,
@@ -37,44 +40,47 @@ SLOW = {
     "eal/joint_design/test_snap_through.py": 6,
     "eal/joint_design/test_truss_equilibrium.py": 4,
     "eal/test_choice.py": 8,
-    "eal/test_comparison.py": 10,
+    "eal/test_comparison.py": 6,
     "eal/test_deconvolved.py": 8,
     "eal/test_errata.py": 7,
     "eal/test_integrators.py": 10,
     "eal/test_radius.py": 4,
-    "eal/test_reproduce.py": 44,
+    "eal/test_reproduce.py": 50,
     "eal/test_systems.py": 3,
     "filters/test_animal.py": 10,
     "filters/test_articulated_motion.py": 9,
     "filters/test_body_path.py": 3,
-    "filters/test_bones.py": 13,
+    "filters/test_bones.py": 3,
     "filters/test_dark_frames.py": 4,
-    "filters/test_delayed.py": 14,
-    "filters/test_gap_law.py": 19,
+    "filters/test_delayed.py": 13,
+    "filters/test_gap_law.py": 4,
     "filters/test_gaps_in_trials.py": 8,
     "filters/test_gaussian_process.py": 5,
-    "filters/test_groups.py": 11,
+    "filters/test_groups.py": 5,
     "filters/test_learned_model.py": 17,
     "filters/test_limb_potential.py": 6,
-    "filters/test_live.py": 6,
+    "filters/test_live.py": 10,
     "filters/test_mechanics_identified.py": 2,
-    "filters/test_mixture.py": 2,
+    "filters/test_mixture.py": 4,
     "filters/test_observe.py": 6,
-    "filters/test_one_camera.py": 15,
+    "filters/test_one_camera.py": 11,
     "filters/test_recording_alone.py": 2,
-    "filters/test_rigid.py": 8,
+    "filters/test_rigid.py": 4,
+    "filters/test_roughness.py": 3,
     "filters/test_shape_mechanics.py": 2,
-    "mocap/batches/test_batch.py": 25,
+    "mocap/batches/test_batch.py": 30,
     "mocap/batches/test_find_trials.py": 3,
     "mocap/desk/test_desk.py": 40,
+    "mocap/desk/test_desk_one_camera.py": 5,
+    "mocap/desk/test_proof.py": 3,
     "mocap/desk/test_session.py": 15,
-    "mocap/digitising/test_digitise.py": 15,
+    "mocap/digitising/test_digitise.py": 11,
     "mocap/digitising/test_kinds.py": 8,
-    "mocap/digitising/test_label.py": 20,
+    "mocap/digitising/test_label.py": 6,
     "mocap/digitising/test_texture.py": 12,
-    "mocap/joint_design/test_design_joint.py": 30,
+    "mocap/joint_design/test_design_joint.py": 38,
     "mocap/kinematics/test_body_joints.py": 5,
-    "mocap/kinematics/test_functional.py": 25,
+    "mocap/kinematics/test_functional.py": 10,
     "mocap/kinematics/test_moments.py": 3,
     "mocap/rerun/test_view_compare.py": 16,
     "mocap/rerun/test_view_digitised.py": 25,
@@ -88,14 +94,16 @@ SLOW = {
     "mocap/rerun/test_view_share.py": 45,
     "mocap/rerun/test_view_video.py": 40,
     "mocap/test_absurd_values.py": 4,
-    "mocap/test_arrangement.py": 17,
+    "mocap/test_arrangement.py": 11,
     "mocap/test_arrays.py": 9,
     "mocap/test_audit.py": 3,
     "mocap/test_audit_reports.py": 6,
-    "mocap/test_blocks.py": 13,
+    "mocap/test_blocks.py": 16,
+    "mocap/test_by_hand.py": 7,
     "mocap/test_calibrate.py": 3,
     "mocap/test_calibrate_apart.py": 15,
-    "mocap/test_calibrate_boards.py": 17,
+    "mocap/test_calibrate_boards.py": 21,
+    "mocap/test_calibrate_dlt.py": 4,
     "mocap/test_calibrate_wand.py": 10,
     "mocap/test_calibration_tables.py": 4,
     "mocap/test_camera_health.py": 8,
@@ -103,36 +111,44 @@ SLOW = {
     "mocap/test_click_noise.py": 3,
     "mocap/test_convert.py": 2,
     "mocap/test_crop_offsets.py": 2,
+    "mocap/test_earlier_results.py": 4,
     "mocap/test_edits.py": 12,
-    "mocap/test_film_extra.py": 10,
+    "mocap/test_film_extra.py": 3,
     "mocap/test_fit_lens.py": 6,
     "mocap/test_foreign_results.py": 5,
     "mocap/test_format_files.py": 2,
     "mocap/test_format_roundtrips.py": 4,
     "mocap/test_fuzzed_files.py": 6,
+    "mocap/test_joint_filter.py": 15,
     "mocap/test_jumps.py": 5,
-    "mocap/test_learning.py": 38,
+    "mocap/test_learning.py": 30,
     "mocap/test_library.py": 11,
     "mocap/test_likelihoods.py": 4,
-    "mocap/test_main_job.py": 30,
+    "mocap/test_main_job.py": 20,
     "mocap/test_many.py": 9,
-    "mocap/test_model_settings.py": 7,
-    "mocap/test_movement_package.py": 20,
+    "mocap/test_model_settings.py": 4,
+    "mocap/test_movement_package.py": 4,
+    "mocap/test_nwb.py": 4,
     "mocap/test_odd_tables.py": 2,
     "mocap/test_optical_files.py": 3,
     "mocap/test_output.py": 16,
     "mocap/test_project_source.py": 2,
     "mocap/test_propose_skeleton.py": 14,
     "mocap/test_ray_bias.py": 2,
+    "mocap/test_record.py": 4,
     "mocap/test_side_by_side.py": 17,
     "mocap/test_stated_noise.py": 9,
     "mocap/test_strangers_formats.py": 11,
+    "mocap/test_strangers_versions.py": 3,
     "mocap/test_swap_states.py": 4,
     "mocap/test_swapped_names.py": 8,
-    "mocap/test_tampered_records.py": 15,
+    "mocap/test_tampered_records.py": 30,
+    "mocap/test_track_one_camera.py": 5,
     "mocap/test_trouble.py": 12,
-    "mocap/test_two_rays.py": 25,
+    "mocap/test_two_rays.py": 20,
     "mocap/test_unstated_unit.py": 3,
+    "mocap/test_views_of_a_trial.py": 3,
+    "mocap/test_wrong_accusations.py": 3,
     "mocap/web/test_web_server.py": 60,
     "test_installed.py": 40,
     "test_plugins.py": 12,
@@ -197,10 +213,18 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Groups(config, log)
 
 
+@cache
+def commands(app: Any) -> Any:
+    """All commands as Typer builds them, once: otherwise each call takes as long as a short table."""
+    return get_command(app)
+
+
 @pytest.fixture
 def mocap(monkeypatch, capsys):
     """Exit code, stdout and stderr of a command in this process."""
     from mocap.cli.main import main
+
+    monkeypatch.setattr("typer.main.get_command", commands)
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])

@@ -174,7 +174,7 @@ def test_another_datasets_is_left_alone(installed, tmp_path):
     (wheel,) = (installed.parent / "wheels").iterdir()
     subprocess.run([*pip, "install", "--no-deps", "--no-index", stub], check=True)
     ask = [python, "-c", "import datasets; print(datasets.OWNER)"]
-    for step in (["install", "--no-deps", "--no-index", wheel], ["uninstall", "--yes", "eal-mocap"]):
+    for step in (["install", "--no-deps", "--no-index", "--no-compile", wheel], ["uninstall", "--yes", "eal-mocap"]):
         subprocess.run([*pip, *step], check=True)
         answer = subprocess.run(ask, cwd=tmp_path, capture_output=True, text=True, check=True)
         assert answer.stdout.strip() == "somebody else"

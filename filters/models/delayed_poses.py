@@ -9,7 +9,7 @@ so errs differently from the motion models, which makes a mixture of both better
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from mocap.filters.body_axes import BodyFrames
@@ -125,9 +125,7 @@ class Delayed:
             start = int(rng.integers(max(len(shown) - 60, 1)))
             frames = self._frames(hidden[0], shown[start : start + 60 : 2], rows=250, own=60)
             if len(frames) > 20:
-                for view in self._views(hidden[0], others, frames):
-                    task = self._task(view, frames, frames[:0])
-                    tasks.append((task.rows, task.values))
+                tasks += [(t.rows, t.values) for t in self._tasks(hidden[0], others, frames, frames[:0])]
         return fitted(tasks)
 
     def fill(self, gaps: Sequence[Gap], covariance: Covariance, y: Array, spread: Array) -> None:
@@ -140,10 +138,9 @@ class Delayed:
             return
         asked = np.column_stack([np.full(len(inside), self._last), inside])
         means, covs = [], []
-        for view in self._views(marker, others, frames):
-            task = self._task(view, frames, asked)
+        for task in self._tasks(marker, others, frames, asked):
             if others.any():
-                mean, left = predict(covariance, task.rows, task.values, task.wanted)
+                mean, left = predict(covariance, task.rows, task.values)
             else:  # nothing to look at: the mean, as wide as the motion
                 mean, left = np.zeros((len(inside), 3)), np.tile(task.values.var(axis=0), (len(inside), 1))
             turn = task.seen_from.rotation
@@ -163,45 +160,34 @@ class Delayed:
         last = np.column_stack([np.full(len(mine), self._last), mine])
         return np.concatenate([frames[_even(len(frames), rows)], last])
 
-    def _views(self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64]) -> list["View"]:
-        """From the body, and from the neighbours if there are three."""
-        body = View(marker, others, self._apart[marker, others], None)
-        if np.count_nonzero(others) < 3:
-            return [body]
-        return [body, replace(body, near=Neighbours.of(others, self._at(frames), body.apart))]
+    def _tasks(
+        self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64], asked: NDArray[np.int64]
+    ) -> list["Task"]:
+        """A marker known in some frames and asked for in others, seen from the body, and from three neighbours or more.
 
-    def _task(self, view: "View", frames: NDArray[np.int64], asked: NDArray[np.int64]) -> "Task":
-        """What is known of a marker in some frames, and what is asked of it in others."""
-        both = np.concatenate([frames, asked])
-        poses = self._at(both)
-        seen_from = view.frames(poses)
-        x, n = self._regressors(view, both, seen_from), len(frames)
-        mean = x[:n].mean(axis=0)
-        x -= mean
-        x /= max(float(np.sqrt(np.mean(np.sum(x[:n] ** 2, axis=1)))), 1e-12)
-
-        def rows(part: slice) -> Rows:
-            return Rows(x=x[part], trial=both[part, 0], t=both[part, 1] / self.tau)
-
-        values = _part(seen_from, slice(n)).to_body(poses[:n, [view.marker]])[:, 0]
-        centre = values.mean(axis=0)
-        return Task(
-            rows=rows(slice(n)),
-            values=values - centre,
-            centre=centre,
-            wanted=rows(slice(n, None)),
-            seen_from=_part(seen_from, slice(n, None)),
-        )
-
-    def _regressors(self, view: "View", frames: NDArray[np.int64], seen_from: BodyFrames) -> Array:
-        """(n, D) delayed positions of the others; those that move with the marker weigh more. The ends are held."""
-        typical = max(float(np.median(view.apart)) if len(view.apart) else 1.0, 1e-12)
-        weight = 1 / (view.apart / typical + 0.1)
-        at = np.clip(frames[:, 1][:, None] + self._lags, 0, self._length[frames[:, 0]][:, None] - 1)
-        points = self.poses[(self._start[frames[:, 0]][:, None] + at)[:, :, None], np.flatnonzero(view.others)]
-        if view.near is not None:
-            points = seen_from.to_body(points.reshape(len(frames), -1, 3)).reshape(points.shape)
-        return (points * weight[:, None]).reshape(len(frames), -1)
+        It is regressed on delayed positions of the others, of which those that move with it weigh more. The ends of
+        trials are held.
+        """
+        both, n, apart = np.concatenate([frames, asked]), len(frames), self._apart[marker, others]
+        poses, start = self._at(both), self._start[both[:, 0], None]
+        delayed = self.poses[start + np.clip(both[:, 1:] + self._lags, 0, self._length[both[:, 0], None] - 1)]
+        typical = max(float(np.median(apart)) if len(apart) else 1.0, 1e-12)
+        weight = np.zeros((len(others), 1))
+        weight[others, 0] = 1 / (apart / typical + 0.1)
+        views = [body_itself(len(both))]
+        if np.count_nonzero(others) >= 3:
+            views.append(Neighbours.of(others, poses[:n], apart).frames(poses))
+        tasks = []
+        for seen_from in views:
+            x = seen_from.to_body(delayed.reshape(len(both), -1, 3)).reshape(delayed.shape)
+            x = (x * weight).reshape(len(both), -1)
+            x -= x[:n].mean(axis=0)
+            x /= max(float(np.sqrt(np.mean(np.sum(x[:n] ** 2, axis=1)))), 1e-12)
+            values = _part(seen_from, slice(n)).to_body(poses[:n, [marker]])[:, 0]
+            centre = values.mean(axis=0)
+            rows = Rows(x=x, trial=both[:, 0], t=both[:, 1] / self.tau)
+            tasks.append(Task(rows, values - centre, centre, _part(seen_from, slice(n, None))))
+        return tasks
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,39 +195,16 @@ class Task:
     """A regression.
 
     Attributes:
-        rows: What is looked at in n frames.
-        values: (n, 3) centred positions of the marker in them.
+        rows: What is looked at in n frames, then in those that are asked for.
+        values: (n, 3) centred positions of the marker.
         centre: (3,) what was taken off them.
-        wanted: What is looked at in the frames that are asked for.
-        seen_from: The frames of reference of these.
+        seen_from: The frames of reference of those that are asked for.
     """
 
     rows: Rows
     values: Array
     centre: Array
-    wanted: Rows
     seen_from: BodyFrames
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """From where a marker is looked at.
-
-    Attributes:
-        marker: Which.
-        others: (M,) True for the k markers that may be looked at.
-        apart: (k,) root mean square by which each of them and the marker move apart.
-        near: The neighbours whose frame it is; None: the body's.
-    """
-
-    marker: int
-    others: NDArray[np.bool_]
-    apart: Array
-    near: Neighbours | None
-
-    def frames(self, poses: Array) -> BodyFrames:
-        """Frames of poses (n, M, 3)."""
-        return body_itself(len(poses)) if self.near is None else self.near.frames(poses)
 
 
 def averaged(means: Array, covs: Array) -> tuple[Array, Array]:

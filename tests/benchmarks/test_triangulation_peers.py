@@ -5,15 +5,12 @@ import pytest
 from mocap.datasets import PERFECT
 
 from benchmarks.triangulation import (
-    LINEAR,
-    REFINED,
     SD_PX,
     Views,
     bat_views,
     lstsq_loop,
     methods,
     scipy_loop,
-    table,
 )
 from eal.arrays import Array
 from mocap.cameras.camera import stacked
@@ -57,13 +54,3 @@ def test_refined_points_are_those_of_scipy(noisy):
     start = linear(matrices, uv)
     ours, _ = refine(matrices, uv, start, sd_px=SD_PX)
     np.testing.assert_allclose(ours, scipy_loop(matrices, uv, start), rtol=0, atol=1e-8)
-
-
-def test_the_quick_table_is_printed(noisy, capsys):
-    """One line for every program, whatever is installed."""
-    table(noisy, quick=True)
-    lines = capsys.readouterr().out.splitlines()
-    for name in methods(noisy.cameras, sample=10):
-        assert sum(line.startswith(f"{name} ") for line in lines) == 1
-    assert LINEAR in methods(noisy.cameras, sample=10)
-    assert REFINED in methods(noisy.cameras, sample=10)

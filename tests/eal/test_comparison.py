@@ -31,16 +31,18 @@ def test_distance_is_that_of_the_gram_matrices(rng):
 def test_no_more_splits_than_one_in_twenty_are_real(rng):
     """The law of permutation: of all 70 ways to split eight trials at most 3 have p <= 0.05, or a map that differs.
 
-    Exact, for any trials at all; here the frames of a trial are as alike as those of an animal are.
+    Exact, for any trials at all; here the frames of a trial are as alike as those of an animal are. Two groups that are
+    exchanged are judged alike: half of the ways are enough.
     """
     trials = swings(rng, 8)
     found = [
         compare([trials[i] for i in chosen], [trials[i] for i in range(8) if i not in chosen])
         for chosen in combinations(range(8), 4)
+        if 0 in chosen
     ]
-    assert sum(one.p_value <= 0.05 for one in found) <= 3
-    assert 0 < sum(one.p_value <= 0.1 for one in found) <= 7
-    assert sum(one.differs.any() for one in found) <= 3
+    assert 2 * sum(one.p_value <= 0.05 for one in found) <= 3
+    assert 0 < 2 * sum(one.p_value <= 0.1 for one in found) <= 7
+    assert 2 * sum(one.differs.any() for one in found) <= 3
 
 
 def test_effects_are_those_that_were_made(rng):

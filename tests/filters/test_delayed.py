@@ -3,10 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.models import delayed_poses
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.delayed_poses import Delayed, completed, fill_delayed, gaps_of
+from mocap.filters.neighbours import Neighbours, body_itself
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 
@@ -42,14 +44,20 @@ def test_it_speaks_of_gaps_alone():
     assert (np.linalg.eigvalsh(cov) > 0).all()
 
 
-def test_a_marker_that_moves_with_others_is_found():
+@pytest.fixture(scope="module")
+def one_gap():
+    """A wing hidden for 30 frames: the trial, and what is said of it."""
+    trial = lost(trial_of(3), 5, slice(40, 70))
+    return trial, filled(trial).xyz_m
+
+
+def test_a_marker_that_moves_with_others_is_found(one_gap):
     """All wings are on one loop of shapes: what the others show says where the hidden one is.
 
     Three wings of four are seen. The ridge, a tenth of the mean variance, takes less than a tenth of the 20 mm that a
     wing deviates by; smoothing at a cutoff of 4 takes 1 / 4^4 of it; noise is 0.1 mm.
     """
-    trial = lost(trial_of(3), 5, slice(40, 70))
-    miss = (filled(trial).xyz_m - trial_of(3).xyz_m)[40:70, 5]
+    miss = (one_gap[1] - trial_of(3).xyz_m)[40:70, 5]
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 2e-3
 
 
@@ -68,14 +76,14 @@ def test_all_hidden_at_once_are_as_in_the_mean():
     assert sd[4:].min() > 1.5 * sd[:4].max()
 
 
-def test_turned_and_moved_worlds_change_nothing_else():
+def test_turned_and_moved_worlds_change_nothing_else(one_gap):
     """Rotation and translation of a recording carry over to what is filled, to the rounding of its subspace."""
     rng = np.random.default_rng(4)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
-    trial = lost(trial_of(3), 5, slice(40, 70))
+    trial, found = one_gap
     moved = replace(trial, xyz_m=trial.xyz_m @ turn.T + [3.0, -1.0, 0.5])
-    one, other = filled(trial).xyz_m[40:70, 5], filled(moved).xyz_m[40:70, 5]
+    one, other = found[40:70, 5], filled(moved).xyz_m[40:70, 5]
     np.testing.assert_allclose(other, one @ turn.T + [3.0, -1.0, 0.5], rtol=0, atol=2e-5)
 
 
@@ -97,15 +105,13 @@ def test_a_trial_has_its_own_offset():
 
 
 def test_intervals_are_of_the_size_of_errors():
-    """Each wing lost once for 20 frames, in two trials: of 480 coordinates 85 to 100 in 100 lie in 95 % intervals."""
-    inside = []
-    for seed in (3, 4):
-        truth = trial = trial_of(seed)
-        for marker in range(4, 8):
-            trial = lost(trial, marker, slice(25 * marker - 85, 25 * marker - 65))
-        found = filled(trial)
-        variance = np.diagonal(found.cov_m2, axis1=2, axis2=3) + 1e-8
-        inside.append((np.abs(found.xyz_m - truth.xyz_m) < 1.96 * np.sqrt(variance))[~trial.seen])
+    """Each wing lost once for 20 frames: of 240 coordinates 85 to 100 in 100 lie in 95 % intervals."""
+    truth = trial = trial_of(3)
+    for marker in range(4, 8):
+        trial = lost(trial, marker, slice(25 * marker - 85, 25 * marker - 65))
+    found = filled(trial)
+    variance = np.diagonal(found.cov_m2, axis1=2, axis2=3) + 1e-8
+    inside = (np.abs(found.xyz_m - truth.xyz_m) < 1.96 * np.sqrt(variance))[~trial.seen]
     assert 0.85 < np.mean(inside) <= 1
 
 
@@ -117,43 +123,29 @@ def test_a_marker_that_nobody_saw_has_no_position():
     assert np.isnan(found.xyz_m).all()
 
 
-def test_few_rows_are_enough(monkeypatch):
-    """Forty frames of the others in place of all: a wing is still found within 3 mm of the 20 that it deviates by."""
-    monkeypatch.setattr(delayed_poses, "ROWS", 40)
-    monkeypatch.setattr(delayed_poses, "OWN", 40)
-    found = filled(lost(trial_of(3), 5, slice(40, 70)))
-    miss = (found.xyz_m - trial_of(3).xyz_m)[40:70, 5]
-    assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 3e-3
-
-
-def test_gaps_of_one_marker_do_not_disturb_each_other():
-    """One of two gaps filled together is filled as alone, but for the frames that the other one takes away."""
-    one, other = slice(20, 40), slice(80, 100)
-    both = filled(lost(lost(trial_of(3), 5, one), 5, other)).xyz_m
-    alone = filled(lost(trial_of(3), 5, one)).xyz_m
-    assert np.linalg.norm(both[one, 5] - alone[one, 5], axis=-1).max() < 2e-3
-
-
 def test_regressors_are_delayed_poses_whose_ends_are_held():
-    """Against a loop over frames and delays, of markers that move as one with the asked: all weights are 1 / 0.1.
+    """Against a loop over frames and delays, centred and scaled, of markers that move as one with the asked.
 
-    From the neighbours all delays are in the frame of the row itself.
+    All weights are then alike. From the neighbours all delays are in the frame of the row itself.
     """
     poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(RANKS)
     known = Delayed(poses, shapes)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
     others = np.isin(np.arange(8), (1, 4, 6))
-    whole = completed(poses, shapes)
-    for view in known._views(5, others, frames):
-        seen_from = view.frames(known._at(frames))
-        found = known._regressors(view, frames, seen_from).reshape(3, len(known._lags), 3, 3)
+    whole = [pose.reshape(-1, 8, 3) for pose in completed(poses, shapes)]
+    near = Neighbours.of(others, known._at(frames), np.zeros(3))
+    from_body, from_near = known._tasks(5, others, frames, frames[:0])
+    for task, frames_of in ((from_body, lambda _: body_itself(1)), (from_near, near.frames)):
+        expected = np.zeros((3, len(known._lags), 8, 3))
         for row, (k, frame) in enumerate(frames):
-            pose = whole[k].reshape(-1, 8, 3)
-            at = view.frames(pose[[frame]])
+            at = frames_of(whole[k][[frame]])
             for column, lag in enumerate(known._lags):
-                delayed = pose[min(max(frame + lag, 0), 119)][others]
-                np.testing.assert_allclose(found[row, column], 10 * (delayed - at.position_m[0]) @ at.rotation[0])
+                delayed = whole[k][min(max(frame + lag, 0), 119)][others]
+                expected[row, column, others] = (delayed - at.position_m[0]) @ at.rotation[0]
+        expected = (expected - expected.mean(axis=0)).reshape(3, -1)
+        expected /= np.sqrt(np.mean(np.sum(expected**2, axis=1)))
+        np.testing.assert_allclose(task.rows.x, expected, atol=1e-12)
 
 
 def test_gaps_are_found_with_their_edges():

@@ -64,7 +64,7 @@ def test_the_posterior_is_the_conditional_density(seed):
     rng = np.random.default_rng(seed)
     law, known, asked = Covariance(noise=0.05), rows_of(rng), rows_of(rng, 3)
     y = rng.normal(size=(12, 2)) * [1.0, 1e-3]
-    mean, variance = predict(law, known, y, asked)
+    mean, variance = predict(law, joined(known, asked), y)
     whole = law(joined(known, asked), joined(known, asked))
     whole[:12, :12] += 0.05 * np.eye(12)
     gain = np.linalg.solve(whole[:12, :12], whole[:12, 12:]).T
@@ -112,8 +112,8 @@ def test_a_bent_world_is_seen_as_bent():
     rows, y = Rows(x=x, trial=np.zeros(120, dtype=int), t=1e3 * np.arange(120.0)), x**2 - np.mean(x**2)
     asked = Rows(x=np.array([[0.0], [1.0]]), trial=np.ones(2, dtype=int), t=np.zeros(2))
     straight = Covariance(curved=NOTHING, own=NOTHING, noise=0.1)
-    assert np.abs(predict(straight, rows, y, asked)[0][0] + np.mean(x**2)) > 0.5
-    said, left = predict(fitted([(rows, y)]), rows, y, asked)
+    assert np.abs(predict(straight, joined(rows, asked), y)[0][0] + np.mean(x**2)) > 0.5
+    said, left = predict(fitted([(rows, y)]), joined(rows, asked), y)
     np.testing.assert_allclose(said[:, 0] + np.mean(x**2), [0, 1], atol=0.05)
     assert np.sqrt(left).max() < 0.2
 

@@ -87,14 +87,6 @@ def test_what_is_shown_holds_the_rest_and_nothing_hidden():
     np.testing.assert_array_equal(trial.xyz_m, before)
 
 
-def test_a_seed_says_where_to_hide():
-    """The same seed hides the same; another seed hides something else."""
-    trial = recorded(np.random.default_rng(3), 200, 6)
-    one, again, other = (hide_neighbours(trial, np.random.default_rng(seed)).mask for seed in (5, 5, 6))
-    np.testing.assert_array_equal(one, again)
-    assert (one != other).any()
-
-
 @pytest.mark.parametrize("n_frames", [*range(1, 12), 15, 19])
 @pytest.mark.parametrize("n_markers", [1, 4])
 def test_short_trials_hide_what_they_have_room_for(n_frames, n_markers):

@@ -1,6 +1,7 @@
 """What is kept of the potentials of limbs: it is what the filter used."""
 
 import numpy as np
+import pytest
 from mocap.datasets import make_bat
 from mocap.filters.limb_potential import HeldKeeper
 from mocap.filters.models.pose import PoseSettings
@@ -11,15 +12,21 @@ from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.tracking import learn_motion, part_names, seen_part, track
 
 
-def test_limbs_of_a_tracked_bat_lie_on_their_own_potential():
+@pytest.fixture(scope="module")
+def bat():
+    recording = make_bat(seed=5, n_frames=60, n_cameras=4)
+    prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
+    part = seen_part(prepared)
+    return prepared, part
+
+
+def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """State, covariance, V_z and pull of each frame are those of the model at its smoothed state.
 
     The state is inside the grid where V_z is low; the plane's coordinates of samples have the largest variance; the
     pull is minus the gradient by markers: a step along it, of all other markers none, lowers the potential.
     """
-    recording = make_bat(seed=5, n_frames=60, n_cameras=4)
-    prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
-    part = seen_part(prepared)
+    prepared, part = bat
     model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0))
     asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
     found = track(prepared, part, model, asked=asked)
@@ -47,19 +54,15 @@ def barrier(limb, q):
     return float(limb.potential.barrier_value(q))
 
 
-def test_nothing_is_kept_where_nothing_is_asked():
-    recording = make_bat(seed=5, n_frames=60, n_cameras=4)
-    prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
-    part = seen_part(prepared)
+def test_nothing_is_kept_where_nothing_is_asked(bat):
+    prepared, part = bat
     model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0, potential="none"))
     assert HeldKeeper.of(model.motion) is None
 
 
-def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential():
+def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """A map for each limb, V_z low where it was; the pull is how markers move with minus the gradient by the angles."""
-    recording = make_bat(seed=5, n_frames=60, n_cameras=4)
-    prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
-    part = seen_part(prepared)
+    prepared, part = bat
     motion = learn_motion(prepared, part, "articulated")
     asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
     found = track(prepared, part, motion, asked=asked)

@@ -4,6 +4,7 @@ import pickle
 from functools import partial
 
 import pytest
+from matplotlib.figure import Figure
 
 from mocap.io import head, matlab
 from mocap.io.apart import read_apart
@@ -12,8 +13,10 @@ from mocap.io.hdf5_process import names
 from mocap.io.matlab_process import values
 from mocap.pipeline import potentials
 from mocap.plots import figures
+from mocap.plots.figures import Picture
 from mocap.rerun import record
 
+NONE = Figure()
 CHOSEN = {}
 """What was chosen for which samples: many tests track the same recording, whose potentials take a third of it."""
 
@@ -28,7 +31,7 @@ def chosen_once(choose, samples, **options):
 
 @pytest.fixture(autouse=True, scope="module")
 def without_pictures(request):
-    """Figures are built but not drawn, and no recording for the viewer is made, which take half the time of a result.
+    """One figure is named and none drawn, and no recording for the viewer is made: they take most of a result's time.
 
     A file that looks at figures says ``INK = True``; what looks at recordings sets ``write_recording`` again.
     """
@@ -36,6 +39,7 @@ def without_pictures(request):
         patch.setattr(potentials, "choose", partial(chosen_once, potentials.choose))
         if not getattr(request.module, "INK", False):
             patch.setattr(figures, "drawn", lambda _figure, kind: f"<{kind}/>".encode())
+            patch.setattr(figures, "pictures", lambda *_: [Picture(name="animal", caption="An animal.", figure=NONE)])
             patch.setattr(record, "write_recording", lambda _run, path, **_options: path.write_bytes(b"RRF2"))
         yield
 

@@ -8,7 +8,6 @@ import zipfile
 import zlib
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -16,8 +15,7 @@ import pytest
 
 from eal import archive
 from mocap.errors import FormatError
-from mocap.io import apart
-from mocap.io.bounds import LEAST, most_bytes
+from mocap.io.bounds import LEAST
 from mocap.io.contents import point_recording
 from mocap.io.lines import frame_numbers, number
 from mocap.io.plausible import plausible
@@ -294,19 +292,6 @@ def test_no_folder_for_temporary_files_is_needed(tmp_path, monkeypatch):
     np.testing.assert_array_equal(read(tmp_path / "a.h5").points.xyz_m, whole)
 
 
-def test_a_process_that_cannot_start_is_said_to_be_that(tmp_path, monkeypatch):
-    """Not a damaged file."""
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["tracks"] = np.arange(24.0).reshape(2, 1, 4, 3)
-
-    def none_left(*_args, **_kwargs):
-        raise OSError(12, "Cannot allocate memory")
-
-    monkeypatch.setattr(apart.subprocess, "run", none_left)
-    with pytest.raises(FormatError, match=r"the process that reads it could not be started \(Cannot allocate memory"):
-        read(tmp_path / "a.h5")
-
-
 def test_an_ascii_terminal_changes_nothing_that_is_read(tmp_path):
     """In the locale C, without Python's UTF-8 mode, names of markers and files are what they are elsewhere."""
     xyz = np.arange(18.0).reshape(3, 2, 3)
@@ -325,11 +310,3 @@ def test_an_ascii_terminal_changes_nothing_that_is_read(tmp_path):
         [sys.executable, "-c", script, str(folder)], env=env, capture_output=True, text=True, check=False
     )
     assert done.stdout.count(r"'\\xe9paule', '\\u819d'") == len(names), done.stderr
-
-
-def test_the_bound_grows_with_the_file(tmp_path):
-    """100 times the file, and half a gigabyte for small ones: a recording of 20 markers for an hour is 0.5 GB."""
-    path = Path(tmp_path / "a")
-    path.write_bytes(b"x")
-    assert most_bytes(path) == LEAST
-    assert LEAST > 20 * 3600 * 250 * 3 * 8

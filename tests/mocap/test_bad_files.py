@@ -318,9 +318,3 @@ def test_records_are_copies_that_nobody_writes_to():
     assert not pixels.uv_px.any()
     with pytest.raises(ValueError, match="read-only"):
         pixels.uv_px[:] = 1
-
-
-def test_all_troubles_are_one_family():
-    """A caller can catch everything that a user can mend by one name."""
-    assert issubclass(FormatError, MocapError)
-    assert issubclass(CalibrationError, MocapError)

@@ -176,18 +176,6 @@ def test_a_broken_pixel_file_is_named_in_one_line(mocap, files, tmp_path, change
     assert broken.read_bytes() == before
 
 
-def test_a_cut_file_without_its_last_newline_is_seen(mocap, files, tmp_path):
-    """A file cut inside its last number has a last cell with fewer decimals than the column."""
-    broken = tmp_path / "cut_xypts.csv"
-    text = files["pixels"].read_bytes().rstrip(b"\n")
-    while not text.split(b"\n")[-1].rsplit(b",", 1)[-1][:1].isdigit():
-        text = text[: text.rindex(b"\n")]
-    broken.write_bytes(text[:-3])
-    code, _, err = mocap(*track_arguments({**files, "pixels": broken}, tmp_path / "run"))
-    assert code == 1
-    assert "cut" in err
-
-
 @pytest.mark.parametrize("command", ["track", "triangulate"])
 def test_coefficients_of_another_rig(mocap, files, tmp_path, command):
     """The two numbers of cameras are named."""
@@ -226,14 +214,6 @@ def test_one_marker_never_seen_is_a_finding(mocap, files, tmp_path):
     assert markers["ear_l_x"].isna().all()
     assert (markers["ear_l_origin"] == "missing").all()
     assert markers["ear_r_x"].notna().any()
-
-
-@pytest.mark.quick
-def test_frames_per_second_are_asked_for(mocap, files, tmp_path):
-    """They are in no file."""
-    code, _, err = mocap(*track_arguments(files, tmp_path / "run", fps=None))
-    assert code == 1
-    assert "--fps" in err
 
 
 @pytest.mark.quick

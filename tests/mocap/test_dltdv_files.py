@@ -1,7 +1,6 @@
 """DLTdv's flat files: what is written is what is read, whatever the markers are called."""
 
 import csv
-import hashlib
 
 import numpy as np
 import pytest
@@ -160,14 +159,3 @@ def test_coefficients_come_back_to_a_millionth_of_a_pixel(tmp_path):
     np.testing.assert_allclose(
         [dlt_coefficients(c) for c in back], [dlt_coefficients(c) for c in cameras], atol=5.1e-13
     )
-
-
-def test_reading_leaves_the_file_as_it_was(tmp_path):
-    """No reader touches its file: bytes and time stamp stay."""
-    path = tmp_path / "x.csv"
-    path.write_text("p_cam1_X,p_cam1_Y\n1,2\n")
-    path.chmod(0o444)
-    before = hashlib.sha256(path.read_bytes()).digest(), path.stat().st_mtime_ns
-    read_pixels(path, fps=10)
-    assert (hashlib.sha256(path.read_bytes()).digest(), path.stat().st_mtime_ns) == before
-    assert [p.name for p in tmp_path.iterdir()] == ["x.csv"]

@@ -14,6 +14,7 @@ from mocap.cli.main import main
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import of_pixels
+from mocap.plots.figures import pictures
 from mocap.rerun.record import write_recording
 from mocap.skeleton import Skeleton
 from tests.mocap.recordings import with_markers
@@ -50,6 +51,7 @@ def real_path(path: str):
 def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, options, n_stale):
     """Interior gaps are filled with finite covariance and marked, stale points are listed, the recording opens."""
     monkeypatch.setattr("mocap.rerun.record.write_recording", write_recording)
+    monkeypatch.setattr("mocap.plots.figures.pictures", pictures)
     options = [o() if callable(o) else o for o in options]
     path = real(*tracks.split("/"))
     out = tmp_path / "run"

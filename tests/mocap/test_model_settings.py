@@ -58,14 +58,6 @@ def test_every_model_fills_what_is_missing(name):
     assert (np.linalg.norm(found.xyz_m - trial.xyz_m, axis=-1)[40:60, 5] < 0.1).all()
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_words_are_plain(name):
-    """Descriptions and progress name no class and no field that is not English."""
-    model = EXAMPLES[name]
-    assert "Settings" not in model.description
-    assert "=" not in model.description
-
-
 def test_learning_tells_how_far_it_is():
     """A line for each trial that each model fills, numbered to the last."""
     told = []

@@ -28,19 +28,6 @@ def pixels(path, hints=None):
     return recording.pixels.uv_px
 
 
-@pytest.mark.parametrize("separator", [";", "\t"])
-@pytest.mark.parametrize("decimal", [".", ","])
-@pytest.mark.parametrize("missing", ["", "NaN"])
-def test_separators_and_decimals(tmp_path, separator, decimal, missing):
-    """Whatever separates cells and decimals, numbers are the same, and the first finding says how they were read."""
-    path = tmp_path / "x.csv"
-    TABLE.to_csv(path, sep=separator, decimal=decimal, index=False, na_rep=missing)
-    np.testing.assert_array_equal(pixels(path), UV)
-    said = read(path).findings[0]
-    assert ("semicolons" if separator == ";" else "tabs") in said
-    assert ("1,5 is read as 1.5" in " ".join(read(path).findings[:2])) == (decimal == ",")
-
-
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_encodings(tmp_path, encoding, end):

@@ -213,12 +213,6 @@ def test_damaged_text_is_refused_in_one_line(tmp_path, read, content, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("read", [read_tsv, read_csv, read_mat, read_c3d])
-def test_an_absent_file_is_named(tmp_path, read):
-    with pytest.raises(FormatError, match=r"nowhere\.x: cannot be read"):
-        read(tmp_path / "nowhere.x")
-
-
 @pytest.mark.parametrize(
     ("read", "parts"), [(read_mat, MOUSE), (read_c3d, ("c3d_samples", "sample_01", "Eb015pi.c3d"))]
 )

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import mocap
 from mocap.cli.main import app, main
-from mocap.cli.options import CameraOptions, RecordingOptions
+from mocap.cli.options import RecordingOptions
 from mocap.cli.records import with_records
 from mocap.cli.words import option_names
 from mocap.pipeline.reading import OPTIONS
@@ -96,15 +96,6 @@ def test_every_option_of_a_record_reaches_the_command():
     names = {*inspect.signature(command).parameters}
     assert {"calibration", "fps", "skeleton", "more"} <= names
     assert "stated" not in names
-
-
-def test_two_options_of_one_name_are_refused():
-    """One of them would hide the other."""
-    with pytest.raises(TypeError, match="two options profile"):
-
-        @with_records
-        def command(cameras: CameraOptions, profile: str = "") -> None:
-            """Never called."""
 
 
 def test_earlier_names_of_options_still_work():

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mocap import documents, side_by_side
+from mocap import documents
 from mocap.cli.track import again
 from mocap.errors import FormatError, OutputError
 from mocap.io import output
@@ -66,21 +66,6 @@ def test_the_command_that_repeats_a_run_has_the_quotes_of_its_system(monkeypatch
     assert again().startswith('mocap track "my file.csv"    # version')
     monkeypatch.setattr(sys, "platform", "linux")
     assert again().startswith("mocap track 'my file.csv'    # version")
-
-
-@pytest.mark.parametrize(("platform", "most"), [("win32", 61), ("linux", 100)])
-def test_windows_gets_no_more_processes_than_it_can_wait_for(monkeypatch, platform, most):
-    """Python refuses more than 61 there."""
-    asked = []
-
-    def pool(count, **_):
-        asked.append(count)
-        return SimpleNamespace(submit=lambda *_, **__: None)
-
-    monkeypatch.setattr(side_by_side, "ProcessPoolExecutor", pool)
-    monkeypatch.setattr(sys, "platform", platform)
-    side_by_side._Pool(100, None).submit(lambda: None)  # type: ignore[arg-type]
-    assert asked == [most]
 
 
 def test_memory_of_damaged_files_has_a_limit_on_windows():

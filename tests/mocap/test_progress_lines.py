@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from mocap.batches.run import Progress
-from mocap.cli import batch, console
+from mocap.cli import console
 from mocap.cli.main import app
 from mocap.cli.options import PANELS
 
@@ -27,15 +26,6 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch):
         "30 s: track, 38% done, about 50 s left",
         "70 s: track, 88% done, about 10 s left",
     ]
-
-
-def test_short_work_says_nothing():
-    """Stages that end at once leave no line."""
-    said = []
-    tell = console._Lines(said.append)
-    tell("read", 0.0)
-    tell("read", 1.0)
-    assert not said
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="quotes of POSIX shells")
@@ -107,15 +97,3 @@ def test_help_has_panels_and_words_of_the_field(monkeypatch):
         assert not re.search(r"<(int|str|float|bool|path|list)", CliRunner().invoke(app, [command, "--help"]).output), (
             command
         )
-
-
-def test_a_batch_says_nothing_twice(monkeypatch):
-    """Before the first trial ends its lines tell what the workers do, and none stands there again."""
-    now, said = [0.0], []
-    monkeypatch.setattr(batch, "monotonic", lambda: now[0])
-    monkeypatch.setattr(batch, "say", said.append)
-    tell = batch._Lines()
-    for second, stage in enumerate(["read"] * 100 + ["smooth"] * 100):
-        now[0] = float(second)
-        tell(Progress(done=0, failed=0, known=0, total=5, left_s=None, workers={"worker 1": f"t1: {stage}"}))
-    assert said == ["0 of 5 trials done; t1: read", "0 of 5 trials done; t1: smooth"]

@@ -240,18 +240,6 @@ def test_track_takes_the_proposal_of_a_real_bat(mocap, tmp_path):
     assert any("mocap skeleton" in finding and "give it as `skeleton`" in finding for finding in findings)
 
 
-def test_one_is_no_plural(mocap, tmp_path):
-    """Three markers that move as one: one rigid body, one joint of none."""
-    t = np.arange(40)[:, None, None] / 40
-    xyz = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]]) + t * [1.0, 0.3, 0.2]
-    rows = "\n".join(",".join(f"{v:.6f}" for v in row) for row in xyz.reshape(40, 9))
-    path = tmp_path / "a_xyzpts.csv"
-    path.write_text("a_x,a_y,a_z,b_x,b_y,b_z,c_x,c_y,c_z\n" + rows)
-    code, _, err = mocap("skeleton", path, "--fps", 100, "--unit", "m")
-    assert code == 0, err
-    assert "1 rigid body, 0 joints" in err
-
-
 def test_a_skeleton_is_written_where_it_is_wanted(mocap, tmp_path, monkeypatch):
     """--out writes what is printed otherwise, and what is there is not replaced unasked."""
     files = write_recording(make_lizard(seed=3, n_frames=150), tmp_path / "in", others=True)

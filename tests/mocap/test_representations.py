@@ -55,11 +55,6 @@ def test_no_object_prints_its_arrays(result):
     assert not long
 
 
-def test_keys_complete(result):
-    """IPython completes names of quantities."""
-    assert result.kinematics._ipython_key_completions_() == list(result.kinematics)
-
-
 def test_a_result_shows_itself(result):
     """Numbers, a picture of the animal, and lines to go on with, each of which runs; names are text."""
     named = dataclasses.replace(result, name="<b>x</b>")

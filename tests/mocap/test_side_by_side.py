@@ -20,6 +20,7 @@ from mocap.errors import MocapError
 from mocap.pipeline import learning, tracking
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
+from mocap.plots.figures import pictures
 from mocap.side_by_side import begin, call_all
 from tests.filters.test_gaps_in_trials import trial_of
 
@@ -122,7 +123,8 @@ def test_hidden_gaps_are_filled_to_the_same_bits():
     np.testing.assert_array_equal(here.variance, there.variance)
 
 
-def test_a_result_is_written_by_two_processes_as_by_one(tmp_path):
+def test_a_result_is_written_by_two_processes_as_by_one(monkeypatch, tmp_path):
+    monkeypatch.setattr("mocap.plots.figures.pictures", pictures)  # as the other process builds them
     bat = make_bat(seed=3, n_frames=40, n_cameras=3)
     files = write_recording(bat, tmp_path / "in")
     recording = read(files["pixels"], calibration=files["coefficients"], skeleton=files["skeleton"], fps=bat.fps)

@@ -1,7 +1,6 @@
 """Formats of other programs, where it can be as their own libraries write them."""
 
 import json
-import subprocess
 import sys
 
 import numpy as np
@@ -244,16 +243,6 @@ def test_markers_in_opensims_vectors(tmp_path):
     got = read(tmp_path / "a.sto")
     assert (got.names, got.fps) == (PARTS, 100)
     np.testing.assert_allclose(got.points.xyz_m, XYZ * 1e-3, rtol=1e-15)
-
-
-def test_what_a_stranger_types(tmp_path):
-    """The commands mocap info FILE and mocap convert FILE o.csv on a file of joint angles."""
-    (tmp_path / "a.mot").write_text(storage(XYZ[:, 0], ["a", "b", "c"]), encoding="utf-8")
-    for words in (["info", "a.mot"], ["convert", "a.mot", "o.csv"]):
-        command = [sys.executable, "-c", "from mocap.cli.main import main; main()", *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
-        assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
-    assert (tmp_path / "o.csv").read_text().startswith("frame,t_s,a,b,c\n")
 
 
 def test_structures_of_the_mocap_toolbox(tmp_path):

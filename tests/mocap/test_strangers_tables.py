@@ -75,24 +75,6 @@ def test_a_column_that_counts_up_is_of_the_frames(tmp_path, title):
         table(tmp_path, PLAIN.replace("frame", title).replace("\n3,", "\n1,"))
 
 
-def test_timestamps_in_seconds_are_times(tmp_path):
-    """0, 0.04, 0.08: 25 frames a second."""
-    rows = PLAIN.replace("frame", "timestamp").split("\n")
-    text = "\n".join([rows[0], *(f"{0.04 * i:.2f}{row[row.index(',') :]}" for i, row in enumerate(rows[1:7]))]) + "\n"
-    assert table(tmp_path, text).fps == 25
-
-
-@pytest.mark.parametrize("title", ["time_ms", "t (ms)", "Time [ms]", "timestamp_ms", "milliseconds"])
-def test_times_in_milliseconds_are_no_frames(tmp_path, title):
-    """0, 40, 80: 25 frames a second, none of them missing."""
-    rows = PLAIN.replace("frame", title).split("\n")
-    text = "\n".join([rows[0], *(f"{40 * i}{row[row.index(',') :]}" for i, row in enumerate(rows[1:7]))]) + "\n"
-    got = table(tmp_path, text)
-    assert got.fps == 25
-    np.testing.assert_array_equal(np.diff(got.frames), 1)
-    np.testing.assert_allclose(got.points.t_s, 0.04 * np.arange(6), rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("name", ["a.csv", "a.trc", "a_long.csv"])
 def test_a_last_line_without_its_end(tmp_path, name):
     """It is read, with a finding, where it is whole; with fewer cells or decimals than the others it is refused."""

@@ -170,7 +170,7 @@ def test_such_cameras_alone(mocap, files, tmp_path, change):
         assert mocap(*arguments)[0] in (0, TROUBLE)
 
 
-ABSURD = ["0", "nan", "inf", "1e300", "1e-300"]
+ABSURD = ["0", "nan", "1e300"]
 
 
 @pytest.mark.parametrize("value", ABSURD)

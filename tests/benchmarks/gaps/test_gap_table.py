@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.gaps.plots import draw
 from benchmarks.gaps.table import FOLDS, TABLE, against_best, as_sentence, as_text, pooled, ratios, summary
 
 
@@ -69,13 +68,6 @@ def test_a_failure_is_last_and_spares_the_others():
     assert lines.loc["bad", "wins"] == 2
     assert lines.loc["bad", "rank"] == 1
     assert "failed" in as_text(lines)
-
-
-def test_pictures_are_drawn(tmp_path):
-    """One line a method and picture; no cell is needed to be complete."""
-    paths = draw(TWO_TRIALS, pooled(TWO_TRIALS), tmp_path)
-    assert sorted(path.name for path in paths) == ["coverage.png", "error.png"]
-    assert all(path.stat().st_size > 10_000 for path in paths)
 
 
 def test_the_best_of_many_is_chosen_by_the_other_seeds():

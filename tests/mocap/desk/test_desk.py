@@ -201,6 +201,16 @@ def test_a_real_flight_is_named_tracked_corrected_and_passed_on(tmp_path):
     assert current(out / name, "markers.csv").read_bytes() == current(tmp_path / "replay", "markers.csv").read_bytes()
 
 
+def test_a_result_is_passed_on_as_one_page(worked):
+    """With the command that does the same, of a result for which no recording was written."""
+    desk, browser = worked
+    answer = browser.post("pass", json={"trial": "flight", "kind": "page"})
+    assert answer.status_code == 200, answer.text
+    assert b"<title>flight</title>" in (desk.out / "flight" / "page" / "index.html").read_bytes()
+    out = desk.out / "flight"
+    assert desk.overview()["trials"][0]["passes"]["page"][1] == f"mocap share {out} --out {out / 'page'} --force"
+
+
 def test_places_are_ranked_by_what_a_click_settles(worked):
     """The gap first; the click that was not believed is asked for, with that reason."""
     desk, browser = worked
@@ -265,6 +275,14 @@ def test_lines_and_ellipses_are_where_the_marker_is(worked, scene):
             assert np.linalg.norm(fine - scene.uv_px[c, frame, marker], axis=1).min() < 2  # clicks are off by 0.3
 
 
+@pytest.fixture(scope="module")
+def drawn(worked):
+    """The trial and its skeleton are open."""
+    for page in ("open", "draft"):
+        worked[1].get(f"{page}?trial=flight")
+    return worked
+
+
 DRAWN = {"names": list(NAMES), "bones": [], "trunk": [], "joints": {}, "dropped": []}
 PLACE = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
 
@@ -284,11 +302,9 @@ PLACE = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
         *(("skeleton", DRAWN | more) for more in ({"bones": [[0, 1]]}, {"joints": {"a": [0, 1, 9]}})),
     ],
 )
-def test_what_the_page_does_not_offer_is_refused(worked, path, wrong):
+def test_what_the_page_does_not_offer_is_refused(drawn, path, wrong):
     """Other numbers, names and values than those of the page: status 400, one line, and nothing is kept."""
-    desk, browser = worked
-    browser.get("open?trial=flight")
-    browser.get("draft?trial=flight")
+    desk, browser = drawn
     before = desk.log("flight").read_bytes() if desk.log("flight").is_file() else b""
     answer = browser.post(path, json=wrong)
     assert answer.status_code == 400
@@ -530,17 +546,6 @@ def test_tracking_stops_and_goes_on(scene, tmp_path):
         told = tracked(desk)
         assert told["done"] == told["total"] == 2
         assert {row["status"] for row in desk.overview()["trials"]} == {"done"}
-
-
-def test_a_result_is_passed_on_as_one_page(worked):
-    """With the command that does the same, of a result for which no recording was written."""
-    desk, browser = worked
-    tracked(desk)  # it has been corrected since
-    answer = browser.post("pass", json={"trial": "flight", "kind": "page"})
-    assert answer.status_code == 200, answer.text
-    assert b"<title>flight</title>" in (desk.out / "flight" / "page" / "index.html").read_bytes()
-    out = desk.out / "flight"
-    assert desk.overview()["trials"][0]["passes"]["page"][1] == f"mocap share {out} --out {out / 'page'} --force"
 
 
 def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):

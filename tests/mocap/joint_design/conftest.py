@@ -1,9 +1,11 @@
 """One joint, designed once: an arc of samples as a potential file, and what the command makes of it."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
 from eal import GaussianKernel, fit_potential
@@ -34,6 +36,7 @@ def designed(potential_file, tmp_path_factory):
     command = ["design-joint", str(potential_file), "--out", str(out), "--starts", "1", "--seed", "1", "--json"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mocap.joint_design.design.FINE", 2500)
+        patch.setattr(Figure, "savefig", lambda _, target, **_options: Path(target).write_bytes(b"drawn"))
         result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     return out, json.loads(result.stdout)

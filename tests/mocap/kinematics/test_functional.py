@@ -33,7 +33,7 @@ def jointed(kind, *, noise_m, slip_m, seed, n_frames=500):
 
 
 @pytest.mark.parametrize("kind", ["ball", "hinge"])
-@pytest.mark.parametrize(("noise_m", "slip_m"), [(1e-4, 0.0), (2e-3, 0.0), (5e-5, 3e-4)])
+@pytest.mark.parametrize(("noise_m", "slip_m"), [(2e-3, 0.0), (5e-5, 3e-4)])
 def test_centres_and_axes(kind, noise_m, slip_m):
     """Over 40 pairs of bodies both err by rms 0.83 to 1.2 of what is stated, of noise and of slips that last.
 

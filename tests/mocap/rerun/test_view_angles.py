@@ -5,6 +5,7 @@ import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
 from readback import column, entities
+from vulkan import need_vulkan
 
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle
@@ -92,6 +93,7 @@ def test_parts_of_cycles_begin_where_the_cycles_say():
 
 def test_a_person_sees_the_line_and_its_band(run, rrd):
     """Pixels of the line's colour; none without the line."""
+    need_vulkan()
     view = series_view(PATH, "elbow", legend=False)
     hidden = rrb.TimeSeriesView(origin=PATH, contents=["$origin/filled"], name="without")
     with Headless(size=(500, 300)) as viewer:

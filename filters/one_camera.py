@@ -328,7 +328,9 @@ def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], m
     own = replace(views, uv_px=views.uv_px[:, :, marker : marker + 1], sd_px=views.sd_px[:, :, marker : marker + 1])
     sd = float(prior.left_sd[3 * marker])
     problem = Left(views=own, xyz_m=xyz_m[:, marker : marker + 1].copy(), sd_m=sd, decay=prior.left_decay)
-    left = most_probable(problem, np.zeros((len(xyz_m), 3)))
+    left = np.zeros((len(xyz_m), 3))
+    with suppress(FilterError):  # rays that are hundreds of deviations off are hardly believed: the shape's place stays
+        left = most_probable(problem, left)
     known = covariance(factor(problem.quadratic(left)))
     kept = known[0] / sd**2
     for lag, part in enumerate(lags):

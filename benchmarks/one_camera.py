@@ -33,7 +33,7 @@ import pandas as pd
 from mocap.datasets.real import folder
 from mocap.filters.first_poses import settled, starts_of
 from mocap.filters.motion.bones import Bones
-from mocap.filters.one_camera import Found, jitter_px, most_strange, px_per_m, track_views
+from mocap.filters.one_camera import Found, jitter_px, most_strange, px_per_m, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import Barrier, PosePrior, learn_prior
 from mocap.filters.poses import MarkerTrial, poses_of
@@ -220,13 +220,16 @@ def scored(xyz_m: Array, joint: Array | None, truth: MarkerTrial, centre_m: Arra
     flipped = own - 2 * np.einsum("tmi,ti->tm", own, sight)[..., None] * sight[:, None]
     other = flipped - centred(np.where(seen[..., None], truth_m, 0.0))
     depth = np.einsum("tmi,ti->tm", error, sight)[seen]
+    posed = seen.sum(axis=1) > 2  # two markers have no mirror image: they are one nearer than the other
     distance = np.linalg.norm(relative, axis=-1)[seen]
     row = {
         "abs_rms_mm": 1e3 * float(np.sqrt(np.mean(np.sum(error**2, axis=-1)[seen]))),
         "rel_rms_mm": 1e3 * float(np.sqrt(np.mean(distance**2))),
         "rel_median_mm": 1e3 * float(np.median(distance)),
         "depth_rms_mm": 1e3 * float(np.sqrt(np.mean(depth**2))),
-        "mirrored": float(np.mean(np.sum(relative**2, axis=(1, 2)) > np.sum(other**2, axis=(1, 2)))),
+        "mirrored": float(np.mean(np.sum(relative**2, axis=(1, 2)) > np.sum(other**2, axis=(1, 2)), where=posed))
+        if posed.any()
+        else np.nan,
         "empty": empty,
     }
     if joint is None:
@@ -277,15 +280,19 @@ def _of_teachers(
     mean = replace(prior, shapes=np.tile(prior.shapes.mean(axis=0), (2, 1)))  # two, as one has no spread
     for camera in QUICK[0] if quick else range(len(own.matrices)):
         uv = own.uv_px[camera : camera + 1][:, :, markers]
-        if np.isfinite(uv[..., 0]).sum() == 0:
+        part = shown(np.isfinite(uv[..., 0]))
+        if part.stop == 0:
             continue
+        uv[:, : part.start], uv[:, part.stop :] = np.nan, np.nan
         noise = max(float(np.nan_to_num(jitter_px(uv))), 0.05)
         views = Views(matrices=own.matrices[camera : camera + 1], uv_px=uv, sd_px=np.full(uv.shape[:3], noise))
         centre = -np.linalg.solve(own.matrices[camera, :, :3], own.matrices[camera, :, 3])
         found: dict[str, tuple[Array, Array | None]] = {}
         for name, one in every.items():
             result: Found = track_views(one, views, limit=limit)
-            found[name] = np.where(result.unlike[:, None, None], np.nan, result.estimate.xyz_m), result.joint
+            empty = result.unlike.copy()
+            empty[: part.start], empty[part.stop :] = True, True
+            found[name] = np.where(empty[:, None, None], np.nan, result.estimate.xyz_m), result.joint
         found["nearest pose"] = frame_by_frame(prior, views), None
         found["mean pose"] = frame_by_frame(mean, views), None
         found["subspace bound"] = bound(prior, mine, some, trunk), None

@@ -47,6 +47,14 @@ class Views:
         """(C, T, M, 3) homogeneous pixels."""
         return xyz_m @ np.swapaxes(self.matrices[:, None, :, :3], -1, -2) + self.matrices[:, None, None, :, 3]
 
+    def seen_from(self, xyz_m: Array) -> tuple[Array, Array]:
+        """(C, T, M, 2) observed minus projected, px, and (C, T, M, 2, 3) slope of the projection; 0 where not seen."""
+        h = self._projected(xyz_m)
+        at = h[..., :2] / h[..., 2:]
+        slope = self.matrices[:, None, None, :2, :3] - at[..., None] * self.matrices[:, None, None, 2:, :3]
+        seen = self.seen[..., None]
+        return np.where(seen, self.uv_px - at, 0.0), np.where(seen[..., None], slope / h[..., 2, None, None], 0.0)
+
     def cost(self, xyz_m: Array) -> Array:
         """(T,) minus log of the likelihood."""
         squared = np.sum(self.missed(xyz_m) ** 2, axis=-1)
@@ -58,13 +66,8 @@ class Views:
         Student's t is a normal of uncertain width: each ray counts by w = (dof + 2) / (dof + r^2) (Lange, Little &
         Taylor 1989).
         """
-        h = self._projected(xyz_m)
-        miss = np.where(self.seen[..., None], (self.uv_px - h[..., :2] / h[..., 2:]) / self.sd_px[..., None], 0.0)
-        slope = (
-            self.matrices[:, None, None, :2, :3]
-            - (h[..., :2] / h[..., 2:])[..., None] * self.matrices[:, None, None, 2:, :3]
-        )
-        slope = np.where(self.seen[..., None, None], slope / (h[..., 2] * self.sd_px)[..., None, None], 0.0)
+        miss, slope = self.seen_from(xyz_m)
+        miss, slope = miss / self.sd_px[..., None], slope / self.sd_px[..., None, None]
         weight = (self.dof + 2) / (self.dof + np.sum(miss**2, axis=-1))
         gradient = -np.einsum("ctm,ctmai,ctma->tmi", weight, slope, miss)
         return gradient, np.einsum("ctm,ctmai,ctmaj->tmij", weight, slope, slope)
@@ -139,17 +142,7 @@ class Recorded:
 
     def apart(self, at: Poses) -> Array:
         """(T,) what each frame costs by itself."""
-        missed, _ = self._bones(at)
-        return self.prior.hold.value(at.z) + self.views.cost(self.markers(at)) + 0.5 * np.sum(missed**2, axis=1)
-
-    def _bones(self, at: Poses) -> tuple[Array, Array]:
-        """(T, B) what bones differ by from their lengths, in deviations, and how z changes that (T, B, r)."""
-        p, (a, b), body = self.prior, self.prior.bones.ends.T, self.body(at)
-        away, basis = body[:, a] - body[:, b], p.basis.reshape(-1, 3, p.rank)
-        length = np.linalg.norm(away, axis=-1)
-        unit = away / np.maximum(length, 1e-3 * p.bones.length_m)[..., None]
-        rows = np.einsum("tbi,bir->tbr", unit, basis[a] - basis[b])
-        return (length - p.bones.length_m) / p.bones.sd_m, rows / p.bones.sd_m[:, None]
+        return self.prior.hold.value(at.z) + self.views.cost(self.markers(at))
 
     def local(self, at: Poses) -> tuple[Array, Array]:
         """(T, n + 1) gradient of that by the states and the size, and (T, n + 1, n + 1) second derivatives."""
@@ -161,9 +154,8 @@ class Recorded:
         held = (inner @ rows.reshape(steps, -1, 3, rows.shape[-1])).reshape(rows.shape)
         form = np.swapaxes(rows, 1, 2) @ held
         slope = np.einsum("tik,ti->tk", rows, force)
-        missed, bones = self._bones(at)
-        slope[:, 6:-1] += p.hold.gradient(at.z) + np.einsum("tb,tbr->tr", missed, bones)
-        form[:, 6:-1, 6:-1] += positive(p.hold.hessian(at.z)) + np.swapaxes(bones, 1, 2) @ bones
+        slope[:, 6:-1] += p.hold.gradient(at.z)
+        form[:, 6:-1, 6:-1] += positive(p.hold.hessian(at.z))
         return slope, form
 
     def quadratic(self, at: Poses) -> Quadratic:
@@ -174,11 +166,15 @@ class Recorded:
         band = tuple(np.zeros((max(steps - lag, 0), n, n)) for lag in range(3))
         noise, change, turns = self._motion(at)
         if steps > 1:
+            after, before = turned(turns[0])
+            ahead, behind = np.eye(n), -np.eye(n)
+            ahead[3:6, 3:6], behind[3:6, 3:6] = after, before
             pull = self._first @ change[0]
-            gradient[0] -= pull
-            gradient[1] += pull
-            band[0][:2] += self._first
-            band[1][0] -= self._first
+            gradient[0] += behind.T @ pull
+            gradient[1] += ahead.T @ pull
+            band[0][0] += behind.T @ self._first @ behind
+            band[0][1] += ahead.T @ self._first @ ahead
+            band[1][0] += ahead.T @ self._first @ behind
         if steps > 2:
             pull = noise @ self._noise
             slopes = self._slopes(turns)
@@ -194,11 +190,12 @@ class Recorded:
     def _slopes(self, turns: Array) -> tuple[Array, Array, Array]:
         """(T - 2, n, n) change of the noise of the motion with the states of its frame and of the two before."""
         p, r, steps = self.prior, self.prior.rank, len(turns) - 1
-        out = Rotation.from_rotvec(-turns).as_matrix()
-        here = np.broadcast_to(np.eye(6 + r), (steps, 6 + r, 6 + r))
+        ahead, behind = turned(turns)
+        here = np.tile(np.eye(6 + r), (steps, 1, 1))
         before, earlier = np.zeros(here.shape), np.zeros(here.shape)
+        here[:, 3:6, 3:6] = ahead[1:]
         before[:, :3, :3], earlier[:, :3, :3] = -2 * np.eye(3), np.eye(3)
-        before[:, 3:6, 3:6], earlier[:, 3:6, 3:6] = -out[1:] - np.eye(3), out[:-1]
+        before[:, 3:6, 3:6], earlier[:, 3:6, 3:6] = behind[1:] - ahead[:-1], -behind[:-1]
         before[:, 6:, 6:], earlier[:, 6:, 6:] = -p.now, -p.before
         return here, before, earlier
 
@@ -219,6 +216,20 @@ class Recorded:
             rotation=at.rotation @ Rotation.from_rotvec(step[:, 3:6]).as_matrix(),
             z=at.z + step[:, 6:],
         )
+
+
+def turned(turns: Array) -> tuple[Array, Array]:
+    """(..., 3, 3) change of turns (..., 3) from R to S = R exp(turn), by small turns of S and of R in their own axes.
+
+    The inverse right Jacobian of rotations (Chirikjian 2012, equation 10.86), and minus its transpose.
+    """
+    angle = np.linalg.norm(turns, axis=-1)[..., None, None]
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    second = np.where(small, 1 / 12, 1 / safe**2 - 1 / (2 * safe * np.tan(safe / 2)))
+    cross = skew(turns)
+    ahead = np.eye(3) + 0.5 * cross + second * (cross @ cross)
+    return ahead, -np.swapaxes(ahead, -1, -2)
 
 
 def _blocks(a: Array, b: Array) -> Array:

@@ -9,7 +9,7 @@ from mocap.filters.bones import rigid_bones
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
 from mocap.filters.motion.bones import Bones
 from mocap.filters.poses import LEAST_KNOWN, MarkerTrial, poses_of
-from mocap.filters.size import LEAST, relative_size, sized_like
+from mocap.filters.size import LEAST, log_distances, sized_like
 from mocap.filters.subspace import principal_components, structure
 from mocap.filters.whittaker import smooth_series
 from scipy.ndimage import uniform_filter1d
@@ -102,7 +102,7 @@ class PosePrior:
         noise_m: What a coordinate of a measured marker is known to.
         left_decay: e is a Matern-3/2 process that keeps this share from frame to frame.
         size_sd: Deviation of the logarithm of the animal's size.
-        bones: Distances that are kept, as the shapes of poses have them that they were not learned from.
+        bones: Distances that trials keep.
         turn_s: Time in which the motion of the shape turns by a radian.
         dt_s: Time step.
     """
@@ -203,7 +203,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
         noise_m=float(np.nanmedian(np.concatenate([t.sd_m[t.seen] for t in trials]))),
         left_decay=decay,
         size_sd=size_sd,
-        bones=kept_by_shapes(rigid_bones(sized), np.concatenate(apart) - np.concatenate(left)),
+        bones=rigid_bones(sized),
         turn_s=float(np.sqrt(shapes.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300))),
         dt_s=dt_s,
     )
@@ -245,27 +245,6 @@ def marker_sd(left: Sequence[Array]) -> Array:
     return np.sqrt(ratios(best.x)[0].mean() * expected(best.x, squares))
 
 
-def kept_by_shapes(bones: Bones, shapes: Array) -> Bones:
-    """Bones with the lengths, and their deviations, that they have in shapes (N, 3M).
-
-    A linear subspace does not keep lengths: of poses that it was not learned from it shows bones that vary by more
-    than the animal's. Where one camera sees it, they tell the depth.
-
-    Args:
-        bones: Distances that the trials keep.
-        shapes: Poses as shapes that were not learned from them have them, m; NaN where a marker was not seen.
-    """
-    a, b = bones.ends.T
-    body = shapes.reshape(len(shapes), -1, 3)
-    length = np.linalg.norm(body[:, a] - body[:, b], axis=-1)
-    enough = np.isfinite(length).sum(axis=0) > 1
-    return Bones(
-        ends=bones.ends[enough],
-        length_m=np.nanmean(length[:, enough], axis=0),
-        sd_m=np.hypot(np.nanstd(length[:, enough], axis=0), bones.sd_m[enough]),
-    )
-
-
 def _mean_squares(left: Array) -> Array:
     """(M,) mean squares of a coordinate of (T, 3M); NaN of markers that were not seen."""
     seen = np.isfinite(left)
@@ -289,10 +268,19 @@ def half_life_s(left: Sequence[Array], dt_s: float) -> float:
 
 
 def size_spread(trials: Sequence[MarkerTrial]) -> float:
-    """Deviation of the logarithm of an animal's size over trials, at least what counts as equal (``size.LEAST``)."""
-    ratios = [relative_size(a, b) for i, a in enumerate(trials) for b in trials[:i]]
-    known = [ratio**2 / 2 for ratio, error in ratios if np.isfinite(error)]
-    return float(np.sqrt(max(np.mean(known) if known else 0.0, LEAST**2)))
+    """Deviation of the logarithm of an animal's size in a trial to come, by the bones that trials keep.
+
+    A trial's size is the median over bones of how much longer they are in it than in all: markers that are placed
+    elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals (``size.LEAST``),
+    which counts as one more trial.
+    """
+    ends = rigid_bones(trials).ends
+    sizes = np.array([log_distances(trial.xyz_m, ends.T)[0] for trial in trials])
+    kept = np.isfinite(sizes).all(axis=0)
+    if not kept.any():
+        return LEAST
+    sizes = np.median(sizes[:, kept] - sizes[:, kept].mean(axis=0), axis=1)
+    return float(np.sqrt((LEAST**2 + np.sum((sizes - sizes.mean()) ** 2)) / len(trials)))
 
 
 def autoregression(parts: Sequence[Array]) -> tuple[Array, Array, Array, Array]:

@@ -27,7 +27,7 @@ def relative_size(trial: MarkerTrial, other: MarkerTrial) -> tuple[float, float]
         other: The other, of the same markers.
     """
     pairs = np.array(np.triu_indices(trial.xyz_m.shape[1], 1))
-    (one, one_error), (two, two_error) = (_log_distances(t.xyz_m, pairs) for t in (trial, other))
+    (one, one_error), (two, two_error) = (log_distances(t.xyz_m, pairs) for t in (trial, other))
     error = np.hypot(one_error, two_error)
     ok = np.isfinite(error)
     if ok.sum() < 3:
@@ -39,7 +39,7 @@ def relative_size(trial: MarkerTrial, other: MarkerTrial) -> tuple[float, float]
     return mean, float(np.sqrt(spread / min(markers, ok.sum()) + 1 / weight.sum()))
 
 
-def _log_distances(xyz_m: Array, pairs: NDArray[np.intp]) -> tuple[Array, Array]:
+def log_distances(xyz_m: Array, pairs: NDArray[np.intp]) -> tuple[Array, Array]:
     """Log of the mean distance of each pair, and the standard error of that; NaN for pairs that are hardly seen."""
     apart = np.linalg.norm(xyz_m[:, pairs[0]] - xyz_m[:, pairs[1]], axis=-1)
     seen = np.isfinite(apart)
@@ -48,7 +48,8 @@ def _log_distances(xyz_m: Array, pairs: NDArray[np.intp]) -> tuple[Array, Array]
     spread = np.where(seen, (apart - mean) ** 2, 0.0).sum(axis=0) / np.maximum(count, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.sqrt(spread / np.maximum(INDEPENDENT * count, 1)) / mean
-        return np.log(np.maximum(mean, 1e-300)), np.where((count >= 10) & (mean > 0), error, np.nan)
+        known = (count >= 10) & (mean > 0)
+        return np.where(known, np.log(np.maximum(mean, 1e-300)), np.nan), np.where(known, error, np.nan)
 
 
 def size_factor(trial: MarkerTrial, target: MarkerTrial) -> float:

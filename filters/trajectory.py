@@ -152,6 +152,12 @@ def most_probable(
         gain = -float(np.sum(form.gradient * step))
         there = problem.moved(at, step)
         cost = problem.cost(there)
+        bend = cost - form.value + gain  # the cost along the step is about value - gain s + bend s^2
+        if np.isfinite(bend) and 2 * bend > gain:
+            short = problem.moved(at, gain / (2 * bend) * step)
+            less = problem.cost(short)
+            if less < cost:
+                there, cost = short, less
         if cost <= form.value:
             at, form = there, problem.quadratic(there)
             tell(cost)

@@ -10,9 +10,9 @@ from mocap.cleaning.robust_rays import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
 from mocap.filters.moving import asked_of
-from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, most_strange, track_views
+from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, most_strange, shown, track_views
 from mocap.filters.one_view import Views
-from mocap.filters.pose_prior import learn_prior
+from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked
@@ -94,18 +94,16 @@ def track_one_camera(
     trials = for_recording(learned, names, empty)
     known = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
     markers = np.flatnonzero(known)
-    seen = film.seen[:, :, markers].any(axis=(0, 2))
-    if not seen.any():
-        raise FormatError(f"{source.where}: no marker of the model is ever seen")
-    frames = np.flatnonzero(seen)
-    part = Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=markers)
+    part = Part(frames=shown(film.seen[:, :, markers]), markers=markers)
+    if part.frames.stop == 0:
+        raise FormatError(f"{source.where}: no frame shows {LEAST_MARKERS} markers of the model to one camera")
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
     own = [names[m] for m in markers]
     trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
     prior = learn_prior(trials, trunk)
-    shown = uv[:, part.frames][:, :, markers]
-    noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(shown))), LEAST_PX)
-    views = Views(matrices=film.matrices, uv_px=shown, sd_px=np.full(shown.shape[:3], noise))
+    inside = uv[:, part.frames][:, :, markers]
+    noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
+    views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
     asked = asked_for(names, skeleton, n_frames=len(t_s))
     limit = most_strange(trials, trunk)
     found = track_views(prior, views, limit=limit, asked=asked_of(own, asked), progress=progress)

@@ -25,7 +25,7 @@ import argparse
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -276,7 +276,7 @@ def _of_teachers(
     some = [_only(f.trial, markers) for f in chosen]
     mine, trunk = _only(own.trial, markers), [k for k, m in enumerate(markers) if POINTS[m] in TRUNK]
     prior = learn_prior(some, trunk)
-    every, limit = held(prior), most_strange(some, trunk)
+    every = held(prior)
     mean = replace(prior, shapes=np.tile(prior.shapes.mean(axis=0), (2, 1)))  # two, as one has no spread
     for camera in QUICK[0] if quick else range(len(own.matrices)):
         uv = own.uv_px[camera : camera + 1][:, :, markers]
@@ -287,6 +287,7 @@ def _of_teachers(
         noise = max(float(np.nan_to_num(jitter_px(uv))), 0.05)
         views = Views(matrices=own.matrices[camera : camera + 1], uv_px=uv, sd_px=np.full(uv.shape[:3], noise))
         centre = -np.linalg.solve(own.matrices[camera, :, :3], own.matrices[camera, :, 3])
+        limit = cache(partial(most_strange, prior, some, trunk))
         found: dict[str, tuple[Array, Array | None]] = {}
         for name, one in every.items():
             result: Found = track_views(one, views, limit=limit)

@@ -53,6 +53,7 @@ class Found:
         other: Probability of the mirror image.
         unlike: (T,) frames whose seen markers fit worse than ``limit``.
         residual_px: (T, M) what is left of the rays.
+        loose: Whether bones did not lead to an end, and poses are those of rays alone.
     """
 
     estimate: Estimate
@@ -62,6 +63,7 @@ class Found:
     other: float
     unlike: NDArray[np.bool_]
     residual_px: Array
+    loose: bool
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -160,7 +162,7 @@ def track_views(
     prior: PosePrior,
     views: Views,
     *,
-    limit: float = np.inf,
+    limit: Callable[[float], float] = lambda _noise_m: np.inf,
     asked: Asked | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Found:
@@ -169,7 +171,8 @@ def track_views(
     Args:
         prior: What trials tell.
         views: What was seen; deviations are those of the pixels alone.
-        limit: Poses of which ``strange`` is more are unlike those of the trials (``most_strange``).
+        limit: Poses of which ``strange`` is more are unlike those of the trials (``most_strange``), by the noise of
+            rays in metres where the animal is.
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
 
@@ -180,6 +183,7 @@ def track_views(
     starts = starts_of(prior, views, every=every_so_many(prior))
     scale = px_per_m(views, starts.position_m)[:, None, None]
     views = replace(views, sd_px=np.maximum(views.sd_px, scale * prior.noise_m))
+    most = limit(float(np.median((views.sd_px / scale)[views.seen])))
     # what shapes leave is noise of the rays at first. It does not change with what is estimated: an animal that is
     # thought to be nearer would err by less, and what is most probable would be too near (by 5 to 10 % of the depth)
     recorded = Recorded(prior=prior, views=replace(views, sd_px=np.hypot(views.sd_px, scale * prior.left_sd[::3])))
@@ -197,7 +201,11 @@ def track_views(
     same = np.sqrt(np.mean(apart**2)) < SAME * np.sqrt(np.mean(prior.mean**2))
     other = 0.0 if same else float(expit((lower[-1] - higher[-1]) / prior.lasts))
     tell(0.8)
-    held, best, costs = held_by_bones(recorded, views, best)
+    held, costs, loose = recorded, lower, False
+    try:
+        held, best, costs = held_by_bones(recorded, views, best)
+    except FilterError:  # shapes that bones contradict, which was seen of animals unlike their trials
+        loose = True
     xyz = recorded.markers(best)
     rows = recorded.rows(best)
     rows = (best.rotation[:, None] @ rows.reshape(len(xyz), prior.markers, 3, -1)).reshape(rows.shape)
@@ -220,7 +228,8 @@ def track_views(
         poses=best,
         costs=tuple(costs),
         other=other,
-        unlike=strange(recorded, best) > limit,
+        unlike=strange(recorded, best) > most,
+        loose=loose,
         residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
     )
 
@@ -242,15 +251,19 @@ def strange(recorded: Recorded, at: Poses) -> Array:
     return running(np.where(count > 0, cost, 0.0), count, recorded.prior.lasts)
 
 
-def most_strange(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> float:
+def most_strange(prior: PosePrior, trials: Sequence[MarkerTrial], trunk: Sequence[int], noise_m: float) -> float:
     """What ``strange`` exceeds in ``ALARMS`` of the frames of trials that were not learned from.
 
-    Each trial (of a single one each half) is tracked with what the others tell, as a camera sees it that looks along
-    one of the body's axes: how far shapes and depth follow what is wrong depends on what one camera sees.
+    Each trial (of a single one each half) is tracked with the shapes that the others tell, as a camera sees it that
+    looks along one of the body's axes: how far shapes and depth follow what is wrong depends on what one camera sees.
+    Misses are counted in the same deviations as those of the recording: fewer trials state others, and shapes follow
+    what they leave, which is smooth, but not the noise of rays.
 
     Args:
+        prior: What all trials tell.
         trials: As of ``learn_prior``.
         trunk: Indices of the trunk's markers.
+        noise_m: Deviation of the noise of rays, where the animal is.
     """
     parts = list(trials)
     if len(parts) == 1:
@@ -262,18 +275,18 @@ def most_strange(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> float:
     found = []
     for k, own in enumerate(parts):
         others = [*parts[:k], *parts[k + 1 :]]
-        prior = learn_prior(others, trunk)
+        part = replace(learn_prior(others, trunk), left_sd=prior.left_sd, left_decay=prior.left_decay)
         whole = poses_of([*others, own], trunk)[-1]
-        some = np.arange(0, len(own.t_s), every_so_many(prior))
+        some = np.arange(0, len(own.t_s), every_so_many(part))
         at = Poses(
             position_m=whole.frames.position_m[some],
             rotation=whole.frames.rotation[some],
-            z=(bridge(whole.y)[some] - prior.mean) @ prior.basis,
+            z=(bridge(whole.y)[some] - part.mean) @ part.basis,
         )
         for axis in range(3):
-            pixels = _from_afar(own, prior, at, np.roll(np.eye(3), axis, axis=0))
-            left = prior.left_sd[::3] / prior.noise_m  # which contains the noise of markers
-            recorded = Recorded(prior=prior, views=replace(pixels, sd_px=pixels.sd_px * left))
+            pixels = _from_afar(own, part, at, np.roll(np.eye(3), axis, axis=0), noise_m)
+            wider = np.hypot(1.0, part.left_sd[::3] / noise_m)
+            recorded = Recorded(prior=part, views=replace(pixels, sd_px=pixels.sd_px * wider))
             start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
             with suppress(FilterError):
                 pose = most_probable(recorded, between(start, some, len(own.t_s)))
@@ -282,8 +295,11 @@ def most_strange(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> float:
     return float(np.quantile(known[np.isfinite(known)], 1 - ALARMS)) if np.isfinite(known).any() else np.inf
 
 
-def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array) -> Views:
-    """A trial as a camera sees it that looks along the last of some axes (3, 3) of the mean body."""
+def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noise_m: float) -> Views:
+    """A trial as a camera sees it that looks along the last of some axes (3, 3) of the mean body.
+
+    The noise of rays is drawn; that of the trial's markers is in what shapes leave, here as in deviations.
+    """
     turn = axes @ Rotation.from_matrix(at.rotation).mean().as_matrix().T
     middle = np.mean(at.position_m, axis=0)
     distance = DISTANCE * np.sqrt(np.sum(prior.mean**2) / prior.markers) + float(
@@ -291,8 +307,10 @@ def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array) -> 
     )
     local = (trial.xyz_m - middle) @ turn.T + [0.0, 0.0, distance]
     matrix = np.column_stack([turn, [0.0, 0.0, distance] - turn @ middle])
-    sd = np.full((1, *local.shape[:2]), prior.noise_m / distance)
-    return Views(matrices=matrix[None], uv_px=(local[..., :2] / local[..., 2:])[None], sd_px=sd)
+    noise = noise_m / distance
+    uv = local[..., :2] / local[..., 2:]
+    uv += np.random.default_rng(0).normal(scale=noise, size=uv.shape)
+    return Views(matrices=matrix[None], uv_px=uv[None], sd_px=np.full((1, *local.shape[:2]), noise))
 
 
 def counted_once(recorded: Recorded, at: Poses, rows: Array) -> list[Array]:

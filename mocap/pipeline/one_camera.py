@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -105,8 +106,9 @@ def track_one_camera(
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
     views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
     asked = asked_for(names, skeleton, n_frames=len(t_s))
-    limit = most_strange(trials, trunk)
-    found = track_views(prior, views, limit=limit, asked=asked_of(own, asked), progress=progress)
+    found = track_views(
+        prior, views, limit=partial(most_strange, prior, trials, trunk), asked=asked_of(own, asked), progress=progress
+    )
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
     found = replace(found, estimate=replace(found.estimate, xyz_m=believed))
     why = (
@@ -139,5 +141,5 @@ def _cleaned(film: Recording, part: Part, found: Found, noise: float) -> Recordi
         most_speed=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
     )
-    told = sentences.one_camera(other, int(found.unlike.sum()))
+    told = sentences.one_camera(other, int(found.unlike.sum()), loose=found.loose)
     return replace(done, cleaned=True, jitter_px=noise, told=(), findings=(*film.told, *film.findings, *told))

@@ -160,12 +160,13 @@ def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least:
     return [Finding(kind="likelihoods", text=text, numbers={"clicks": count})]
 
 
-def one_camera(other: float | None, strange: int) -> list[Finding]:
+def one_camera(other: float | None, strange: int, *, loose: bool) -> list[Finding]:
     """What one camera alone leaves open.
 
     Args:
         other: Probability of the mirror image of the pose; None: it is out of the question.
         strange: Frames whose poses are unlike those of the trials.
+        loose: Whether the lengths of bones could not be kept.
     """
     alone = (
         "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
@@ -181,6 +182,9 @@ def one_camera(other: float | None, strange: int) -> list[Finding]:
             "model was not learned from, 1 % are"
         )
         found.append(Finding(kind="unlike poses", text=text, numbers={"frames": strange}))
+    if loose:
+        text = "no poses were found that fit both the pixels and the bones of the model: is it of this animal?"
+        found.append(Finding(kind="bones not kept", text=text))
     return found
 
 

@@ -1,9 +1,11 @@
 """A whole recording from one camera with a learned prior."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from mocap.filters import one_camera
 from mocap.filters.errors import FilterError
 from mocap.filters.one_camera import jitter_px, most_strange, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
@@ -90,6 +92,31 @@ def test_gradient_is_that_of_the_cost(prior):
     assert np.sum(form.gradient * step) == pytest.approx(change, rel=1e-4)
 
 
+@pytest.mark.parametrize("noise_px", [0.5, 4.0])
+def test_noise_of_rays_is_no_unknown_pose(noise_px):
+    """Trials of the same motion: 4 px, several times what shapes leave, make no more frames unlike them than 0.5 px."""
+    trunk, trials = [NAMES.index(m) for m in TRUNK], [flapping(k) for k in (1, 2)]
+    rng, prior = np.random.default_rng(0), learn_prior(trials, trunk)
+    uv = filmed(flapping(9), rng)
+    uv += rng.normal(scale=np.sqrt(noise_px**2 - 0.25), size=uv.shape)
+    views = Views(matrices=MATRIX[None], uv_px=uv, sd_px=np.full(uv.shape[:3], noise_px))
+    assert track_views(prior, views, limit=partial(most_strange, prior, trials, trunk)).unlike.mean() < 0.05
+
+
+def test_bones_that_lead_nowhere_leave_the_poses_of_rays(prior, found, monkeypatch):
+    """A search with bones that does not end takes no result away, and is told."""
+
+    def endless(*_):
+        raise FilterError("not found")
+
+    monkeypatch.setattr(one_camera, "held_by_bones", endless)
+    trial = flapping(9)
+    result = track_views(prior, views_of(filmed(trial, np.random.default_rng(0))))
+    assert result.loose
+    assert not found[1].loose
+    assert np.median(np.linalg.norm(result.estimate.xyz_m - trial.xyz_m, axis=-1)) < 0.03
+
+
 def test_too_few_markers_are_refused(prior):
     """A pose has six numbers of place and orientation."""
     uv = filmed(flapping(9), np.random.default_rng(0))
@@ -108,7 +135,8 @@ def test_phases_that_trials_lack_are_said():
     trunk, views = [NAMES.index(m) for m in TRUNK], views_of(filmed(flapping(9), np.random.default_rng(0)))
     for lift, least, most in (((-0.6, 0.9), 0.0, 0.05), ((0.15, 0.9), 0.7, 1.0)):
         trials = [flapping(k, lift=lift) for k in (1, 2, 3)]
-        found = track_views(learn_prior(trials, trunk), views, limit=most_strange(trials, trunk))
+        prior = learn_prior(trials, trunk)
+        found = track_views(prior, views, limit=partial(most_strange, prior, trials, trunk))
         assert least <= found.unlike.mean() <= most
 
 

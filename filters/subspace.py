@@ -75,43 +75,8 @@ def bridge(y: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Which entries of poses (n, D) are seen: frames that show the same, and coordinates that are seen together.
-
-    What depends on the pattern alone is computed once for each of the U kinds of frames and V kinds of coordinates.
-
-    Attributes:
-        weight: (U, V) 1 where seen, else 0.
-        frame: (n,) which kind each frame is.
-        frames: (U,) how many frames are of each kind.
-        coordinate: (D,) which kind each coordinate is.
-        alike: (V, D) 1 where a coordinate is of a kind, else 0.
-    """
-
-    weight: Array
-    frame: NDArray[np.int64]
-    frames: NDArray[np.int64]
-    coordinate: NDArray[np.int64]
-    alike: Array
-
-    @classmethod
-    def of(cls, seen: NDArray[np.bool_]) -> "Seen":
-        """Of a mask (n, D)."""
-        kinds, coordinate = np.unique(seen, axis=1, return_inverse=True)
-        kinds, frame, frames = np.unique(kinds, axis=0, return_inverse=True, return_counts=True)
-        alike = np.equal(coordinate.ravel(), np.arange(kinds.shape[1])[:, None]).astype(float)
-        return cls(kinds.astype(float), frame.ravel(), frames, coordinate.ravel(), alike)
-
-
 def principal_components(
-    y: Array,
-    rank: int,
-    *,
-    trial: NDArray[np.int64] | None = None,
-    iterations: int = 30,
-    independent: float = 0.1,
-    first: "First | None" = None,
+    y: Array, rank: int, *, trial: NDArray[np.int64] | None = None, iterations: int = 30, independent: float = 0.1
 ) -> Components:
     """Probabilistic principal components by expectation maximisation over the entries that are seen.
 
@@ -125,33 +90,32 @@ def principal_components(
         trial: (N,) trial of each pose, 0 to G - 1; None: all are of one.
         iterations: Most rounds; it ends when the noise changes by less than 1e-4 of it.
         independent: Neighbouring frames err alike: each counts as so many independent ones for a trial's offset.
-        first: Where the search begins, if it is at hand (``first_components``).
     """
     trial = np.zeros(len(y), dtype=np.int64) if trial is None else trial
-    first = first_components(y, trial) if first is None else first
-    count, d = first.count, y.shape[1]
-    n_trials, ever, entries = len(count), count.any(axis=0), float(count.sum())
-    parts = _parts(y)
-    mean, loading, noise = first.components(rank)
+    n_trials, d = int(trial.max()) + 1, y.shape[1]
+    parts = [slice(k, k + AT_ONCE) for k in range(0, len(y), AT_ONCE)]
+    count = sum(
+        (_by_trial(np.isfinite(y[p]).astype(float), trial[p], n_trials) for p in parts), np.zeros((n_trials, d))
+    )
+    ever, entries = count.any(axis=0), float(count.sum())
+    mean, loading, noise = _first_components(y, rank, trial, count)
     z, left = np.zeros((len(y), rank)), np.zeros(len(y))
     offset, offset_var = np.zeros(count.shape), np.full(d, 10 * noise)
     diagonal = np.arange(rank)
     for _ in range(iterations):
         outer = (loading[:, :, None] * loading[:, None, :]).reshape(d, -1)
         moment, pull, spread = np.zeros((d, (rank + 1) ** 2)), np.zeros((d, rank + 1)), np.zeros((d, rank**2))
-        for p, seen in zip(parts, first.seen, strict=True):
+        for p in parts:
             weight, data = _entries(y[p], offset[trial[p]])
-            precision = (seen.weight @ (seen.alike @ outer)).reshape(-1, rank, rank) / noise + np.eye(rank)
-            kinds = np.linalg.inv(precision)
-            cov = kinds[seen.frame]
-            z[p] = (cov @ ((data - weight * mean) @ loading)[..., None])[..., 0] / noise
-            left[p] = np.trace(kinds, axis1=1, axis2=2)[seen.frame]
+            cov = np.linalg.inv((weight @ outer).reshape(-1, rank, rank) / noise + np.eye(rank))
+            z[p] = np.einsum("tij,tj->ti", cov, (data - weight * mean) @ loading) / noise
+            left[p] = np.trace(cov, axis1=1, axis2=2)
             extended = np.column_stack([z[p], np.ones(len(data))])
             second = extended[:, :, None] * extended[:, None, :]
             second[:, :rank, :rank] += cov
-            moment += (seen.weight[seen.frame].T @ second.reshape(len(data), -1))[seen.coordinate]
+            moment += weight.T @ second.reshape(len(data), -1)
             pull += data.T @ extended
-            spread += (seen.weight.T @ (seen.frames[:, None] * kinds.reshape(len(kinds), -1)))[seen.coordinate]
+            spread += weight.T @ cov.reshape(len(data), -1)
         moment = moment.reshape(-1, rank + 1, rank + 1)
         moment[:, diagonal, diagonal] += noise / np.maximum(np.mean(loading**2, axis=0), 1e-14)
         moment[:, rank, rank] += 1e-9
@@ -177,10 +141,6 @@ def principal_components(
     return Components(mean, offset, trial_sd, loading, z, 1 - left / rank, noise, trial)
 
 
-def _parts(y: Array) -> list[slice]:
-    return [slice(k, k + AT_ONCE) for k in range(0, len(y), AT_ONCE)]
-
-
 def _entries(y: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
     """(n, D) 1 where an entry is seen, else 0; and what is seen, less an offset, else 0."""
     seen = np.isfinite(y)
@@ -195,44 +155,18 @@ def _by_trial(values: Array, trial: NDArray[np.int64], n_trials: int) -> Array:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class First:
-    """Where the search for components begins, whatever their number: poses whose gaps are bridged.
-
-    Attributes:
-        count: (G, D) how often a coordinate is seen in each trial.
-        mean: (D,) mean pose.
-        size: (k,) singular values of the poses about it, decreasing.
-        axes: (k, D) their directions.
-        n: Number of poses.
-        seen: Which entries are seen, in each part of the poses.
-    """
-
-    count: Array
-    mean: Array
-    size: Array
-    axes: Array
-    n: int
-    seen: list[Seen]
-
-    def components(self, rank: int) -> tuple[Array, Array, float]:
-        """Mean, loadings and noise."""
-        loading = self.axes[:rank].T * (self.size[:rank] / np.sqrt(self.n))
-        return self.mean, loading, max(float(np.sum(self.size[rank:] ** 2)) / (self.n * len(self.mean)), 1e-14)
-
-
-def first_components(y: Array, trial: NDArray[np.int64]) -> First:
-    """Of poses (N, D), each of a trial (N,)."""
-    seen = np.isfinite(y)
-    count = np.zeros((int(trial.max()) + 1, y.shape[1]))
-    for p in _parts(y):
-        count += _by_trial(seen[p].astype(float), trial[p], len(count))
+def _first_components(y: Array, rank: int, trial: NDArray[np.int64], count: Array) -> tuple[Array, Array, float]:
+    """Mean, loadings and noise of poses whose gaps are bridged: where the search begins."""
     filled = np.concatenate([bridge(part) for part in np.split(y, np.flatnonzero(np.diff(trial)) + 1)])
+    seen = np.isfinite(y)
     first = _first_mean(np.where(seen, y, 0.0), seen, filled)
     filled = np.where(seen | (count > 0)[trial], filled, first)
     mean = filled.mean(axis=0)
-    _, size, axes = np.linalg.svd(filled - mean, full_matrices=False)
-    return First(count, mean, size, axes, len(y), [Seen.of(seen[p]) for p in _parts(y)])
+    filled -= mean
+    _, s, vt = np.linalg.svd(filled, full_matrices=False)
+    loading = vt[:rank].T * (s[:rank] / np.sqrt(len(y)))
+    noise = max(float(np.mean((filled - filled @ vt[:rank].T @ vt[:rank]) ** 2)), 1e-14)
+    return mean, loading, noise
 
 
 def _first_mean(data: Array, weight: Array, filled: Array) -> Array:
@@ -280,10 +214,8 @@ def fit_subspace(
     errors, misfit = [], []
     limit = max(1, min(len(y) // 8, y.shape[1]))
     candidates = [r for r in ranks if r <= limit] or [limit]
-    first = first_components(shown, np.zeros(len(y), dtype=np.int64) if trial is None else trial)
     for rank in candidates:
-        found = principal_components(shown, rank, trial=trial, iterations=12, first=first)
-        poses = found.poses.reshape(markers.shape)
+        poses = principal_components(shown, rank, trial=trial, iterations=12).poses.reshape(markers.shape)
         errors.append(np.where(hidden[..., None], markers - poses, np.nan))
         misfit.append(float(np.sqrt(np.nansum(errors[-1] ** 2))))
         if len(misfit) > 2 and min(misfit[-2:]) > min(misfit):

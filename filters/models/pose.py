@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
+from mocap.filters.groups import MOST, groups_of, part_of
 from mocap.filters.mechanics import Motion, joined, linear_shape
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import Delayed, fill_delayed
@@ -16,7 +17,7 @@ from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
 from mocap.filters.motion.potential import PosePotential, Pull
 from mocap.filters.motion.shape import LinearShape
-from mocap.filters.observations import PositionObservations
+from mocap.filters.observations import Observations, PositionObservations, some_markers
 from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, radian, residual_memory_s, shapes_of
 from mocap.filters.roughness import marker_rates, out_of_sample
 from mocap.filters.track import filter_forward
@@ -224,11 +225,17 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
     seen = np.concatenate([[0], np.cumsum(trial.seen.sum(axis=1))])
     start = int(np.argmax(seen[length:] - seen[: len(seen) - length]))
     observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+    parts: list[tuple[PoseMotion, Observations]] = [(plain, observations)]
+    if trial.xyz_m.shape[1] > MOST:  # as they are tracked
+        parts = [(part_of(plain, group), some_markers(observations, group)) for group in groups_of(plain)]
 
     def likelihood(power: int) -> float:
-        candidate, frames = with_noise(plain, 4.0**power), range(start, start + length)
         return sum(
-            frame.observed.log_likelihood for frame in filter_forward(candidate, observations, trial.t_s, frames=frames)
+            frame.observed.log_likelihood
+            for part, seen_of in parts
+            for frame in filter_forward(
+                with_noise(part, 4.0**power), seen_of, trial.t_s, frames=range(start, start + length)
+            )
         )
 
     known = {power: likelihood(power) for power in (0, 1)}

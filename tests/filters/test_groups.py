@@ -6,7 +6,7 @@ from mocap.datasets import make_bat
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.groups import groups_of, part_of, smooth_in_groups
 from mocap.filters.models.base import TrialSet
-from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.pose import PoseSettings, likely_noise
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
@@ -75,6 +75,23 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     apart = np.abs(found.rates.velocity_m_s - whole.rates.velocity_m_s)[:, 34]
     sd = np.sqrt(np.einsum("tii->ti", whole.rates.own[:, 34].astype(float))[:, 3:])
     assert np.median(apart / sd) < 2.0  # the mean's velocity, from both groups together
+
+
+def test_the_process_noise_is_judged_by_groups(bat, monkeypatch):
+    """Of half of the markers each, it is within a factor of 4, one step of the search, of what all say together."""
+    model, seen, truth = bat
+    trial = MarkerTrial(name="bat", t_s=truth.t_s, xyz_m=seen.xyz_m, sd_m=seen.sd_m)
+    trials = TrialSet([trial], anatomy_of(truth.names, truth.names[:4], ()))
+    whole = likely_noise(model, trials)
+    sizes = []
+    monkeypatch.setattr("mocap.filters.models.pose.MOST", 30)
+    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
+    monkeypatch.setattr(
+        "mocap.filters.models.pose.part_of", lambda of, some: sizes.append(len(some)) or part_of(of, some)
+    )
+    found = likely_noise(model, trials)
+    assert sorted(sizes) == [17, 17]
+    assert 1 / 4 < found / whole < 4
 
 
 def test_a_part_of_a_model_says_the_same_of_its_markers(bat):

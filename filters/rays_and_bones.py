@@ -1,6 +1,6 @@
 """Rays and bones of a recording together: what shapes leave of markers moves both and is integrated out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mocap.filters.one_view import Poses, Recorded, Views, positive
@@ -66,10 +66,7 @@ class RaysAndBones(Recorded):
         missed, rays, unit = self.rows_missed(at)
         change = self.changed(rays, unit, self.rows(at))
         bones = change[:, change.shape[1] - len(self.prior.bones.ends) :]
-        bones[..., :6], bones[..., -1] = (
-            0.0,
-            0.0,
-        )  # turned, or as large as the animal, they are as long as they should be
+        bones[..., :6], bones[..., -1] = 0.0, 0.0  # no turn and no size of the animal changes their misses
         change, missed = self.white @ change, self.white @ missed[..., None]
         slope = -(np.swapaxes(change, 1, 2) @ missed)[..., 0]
         form = np.swapaxes(change, 1, 2) @ change
@@ -103,29 +100,25 @@ def about(recorded: Recorded, pixels: Views, at: Poses) -> RaysAndBones:
     )
     spread = prior.left_sd**2 / np.repeat(weight.min(axis=0), 3, axis=1)
     everything = np.broadcast_to(np.eye(len(prior.mean)), (steps, len(prior.mean), len(prior.mean)))
-    offset = np.zeros((steps, prior.markers, 3))
     problem = RaysAndBones(
         prior=prior,
         views=wide,
         pixels=pixels,
-        offset=offset,
+        offset=np.zeros((steps, prior.markers, 3)),
         along=np.zeros((steps, len(a))),
         white=np.zeros((steps, 0, 0)),
     )
     for again in (True, False):
-        problem = RaysAndBones(
-            prior=prior, views=wide, pixels=pixels, offset=offset, along=problem.along, white=problem.white
-        )
         _, rays, unit = problem.rows_missed(at)
-        along = np.sum(unit * (offset[:, a] - offset[:, b]), axis=-1)
+        along = np.sum(unit * (problem.offset[:, a] - problem.offset[:, b]), axis=-1)
         change = problem.changed(rays, unit, everything)
         moved = change * spread[:, None]
         covariance = moved @ np.swapaxes(change, 1, 2) + noise[:, :, None] * np.eye(noise.shape[1])
-        white = np.linalg.inv(np.linalg.cholesky(covariance))
-        problem = RaysAndBones(prior=prior, views=wide, pixels=pixels, offset=offset, along=along, white=white)
+        problem = replace(problem, along=along, white=np.linalg.inv(np.linalg.cholesky(covariance)))
         if again:
-            missed = white @ problem.rows_missed(at)[0][..., None]
-            offset = (np.swapaxes(moved, 1, 2) @ (np.swapaxes(white, 1, 2) @ missed)).reshape(offset.shape)
+            missed = problem.white @ problem.rows_missed(at)[0][..., None]
+            offset = np.swapaxes(moved, 1, 2) @ (np.swapaxes(problem.white, 1, 2) @ missed)
+            problem = replace(problem, offset=offset.reshape(problem.offset.shape))
     return problem
 
 

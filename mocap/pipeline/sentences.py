@@ -183,7 +183,7 @@ def one_camera(other: float | None, strange: int, *, loose: bool) -> list[Findin
         )
         found.append(Finding(kind="unlike poses", text=text, numbers={"frames": strange}))
     if loose:
-        text = "no poses were found that fit both the pixels and the bones of the model: is it of this animal?"
+        text = "no poses fit both the pixels and the bones of the model: check that it is of this animal"
         found.append(Finding(kind="bones not kept", text=text))
     return found
 

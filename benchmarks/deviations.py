@@ -212,9 +212,8 @@ def cells(table: pd.DataFrame, *, draws: int = 1000) -> pd.DataFrame:
     rng = np.random.default_rng(0)
     table = table.assign(animal=table.recording.str.split(" ").str[0])
     out = []
-    for (animal, quantity, kind), part in pd.concat([table, table.assign(animal="all")]).groupby(
-        ["animal", "quantity", "kind"], sort=False
-    ):
+    both = pd.concat([table, table.assign(animal="all")])
+    for (animal, quantity, kind), part in both.groupby(["animal", "quantity", "kind"]):
         n, z2, inside = part.n.to_numpy(float), part.z.to_numpy(float) ** 2, part.inside.to_numpy(float)
         pick = rng.integers(0, len(part), (draws, len(part)))
         spread = np.sqrt((n[pick] * z2[pick]).sum(axis=1) / n[pick].sum(axis=1))

@@ -11,11 +11,13 @@ accelerations of markers are ``measured with 4+ / 3 / 2 / 1 rays`` (rays that th
 Real recordings (``MOCAP_REAL_DATA``) have no ground truth. Two checks stand for it: the root of the normalised
 innovation squared per row, 1 where the filter predicts as well as it states, and the rms distance of velocities from a
 local cubic through the digitised points, over the stated sd and the cubic's own. ``DIR/cells.csv`` has z of each cell
-over recordings, with a 95 % interval from resampling whole recordings, as frames of one are correlated.
+over recordings, with a 95 % interval from resampling whole recordings, as frames of one are correlated, and the
+recording that is furthest from 1. Each recording is kept in a file of its own in ``DIR``; those that are there are not
+tracked again.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -203,20 +205,32 @@ def real(project: Path) -> list[dict[str, object]]:
 
 
 def cells(table: pd.DataFrame, *, draws: int = 1000) -> pd.DataFrame:
-    """Z of each animal, quantity and kind over recordings, with a 95 % interval from resampling whole recordings."""
+    """Z of each quantity and kind over recordings, of all animals and of each.
+
+    With a 95 % interval from resampling whole recordings, and the recording whose z is furthest from 1.
+    """
     rng = np.random.default_rng(0)
-    table = table.assign(animal=table.recording.str.rsplit(" ", n=1).str[0])
+    table = table.assign(animal=table.recording.str.split(" ").str[0])
     out = []
-    for (animal, quantity, kind), part in table.groupby(["animal", "quantity", "kind"]):
+    both = pd.concat([table, table.assign(animal="all")])
+    for (animal, quantity, kind), part in both.groupby(["animal", "quantity", "kind"]):
         n, z2, inside = part.n.to_numpy(float), part.z.to_numpy(float) ** 2, part.inside.to_numpy(float)
         pick = rng.integers(0, len(part), (draws, len(part)))
         spread = np.sqrt((n[pick] * z2[pick]).sum(axis=1) / n[pick].sum(axis=1))
         low, high = np.quantile(spread, (0.025, 0.975))
         z = float(np.sqrt((n * z2).sum() / n.sum()))
         share = float((n * inside).sum() / n.sum())
-        out.append((animal, quantity, kind, len(part), int(n.sum()), z, low, high, share))
-    names = ["animal", "quantity", "kind", "recordings", "n", "z", "z_low", "z_high", "inside"]
+        worst = part.iloc[int(np.argmax(np.abs(np.log(z2))))]
+        out.append((animal, quantity, kind, len(part), int(n.sum()), z, low, high, share, worst.recording, worst.z))
+    names = ["animal", "quantity", "kind", "recordings", "n", "z", "z_low", "z_high", "inside", "worst", "worst_z"]
     return pd.DataFrame(out, columns=pd.Index(names))
+
+
+def kept(path: Path, rows: Callable[[], list[dict[str, object]]]) -> pd.DataFrame:
+    """The rows of a recording, made where its file is not there yet."""
+    if not path.exists():
+        pd.DataFrame(rows()).to_csv(path, index=False)
+    return pd.read_csv(path)
 
 
 def main() -> None:
@@ -230,13 +244,16 @@ def main() -> None:
     options.add_argument("--out", type=Path, required=True)
     given = options.parse_args()
     seeds, frames = (given.seeds[:2], 150) if given.quick else (given.seeds, given.frames)
-    asked = [(animal, seed, frames) for animal in given.animals for seed in seeds]
-    with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool:
-        rows = [row for part in pool.map(simulated, *zip(*asked, strict=True)) for row in part]
-        flights = sorted((FOLDER / FLIGHTS).glob("*/*/*dvProject.mat"))[: 2 if given.quick else None]
-        rows += [row for part in pool.map(real, flights) for row in part]
-    table = pd.DataFrame(rows)
     given.out.mkdir(parents=True, exist_ok=True)
+    asked: list[tuple[Path, Callable[[], list[dict[str, object]]]]] = [
+        (given.out / f"{animal}_{seed}_{frames}.csv", partial(simulated, animal, seed, frames))
+        for seed in seeds
+        for animal in given.animals
+    ]
+    flights = sorted((FOLDER / FLIGHTS).glob("*/*/*dvProject.mat"))[: 2 if given.quick else None]
+    asked += [(given.out / f"{path.stem}.csv", partial(real, path)) for path in flights]
+    with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool:
+        table = pd.concat(pool.map(kept, *zip(*asked, strict=True)))
     table.to_csv(given.out / "table.csv", index=False)
     found = cells(table)
     found.to_csv(given.out / "cells.csv", index=False)

@@ -20,14 +20,13 @@ those of one recording show of the width to what was learned."""
 class Mixture:
     """How K models are mixed, sample by sample.
 
-    Model k has the weight w_k ~ exp(offset_k + slope_k log(n / 30)) / variance_k^power in a gap of n frames, where
+    Model k has the weight w_k ~ exp(offset_k + slope_k log(n / 30)) / variance_k in a gap of n frames, where
     variance_k is its predicted variance times ``scale_k`` squared: near the edges of a gap others are right than in its
     middle.
 
     Attributes:
         offset: (K,) see above.
         slope: (K,) see above.
-        power: See above.
         length: (L,) lengths of gaps in frames, increasing.
         scale: (L, K) factor on the standard deviation that each model states in gaps of these lengths.
         widen: Factor on the mixture's standard deviation by which errors in hidden gaps are what is stated.
@@ -36,7 +35,6 @@ class Mixture:
 
     offset: Array
     slope: Array
-    power: float
     length: Array
     scale: Array
     widen: float
@@ -59,7 +57,7 @@ class Mixture:
         """(K, ...) weights of samples with scaled variances (K, ...) in gaps of given lengths (...)."""
         place = np.log(np.maximum(length, 1) / 30.0)
         pad = (slice(None), *[None] * place.ndim)
-        logit = self.offset[pad] + self.slope[pad] * place - self.power * np.log(variance)
+        logit = self.offset[pad] + self.slope[pad] * place - np.log(variance)
         weight = np.exp(logit - logit.max(axis=0))
         return weight / weight.sum(axis=0)
 
@@ -207,7 +205,7 @@ def _mixture(residuals: Sequence[Residuals]) -> Mixture:
 
     def mixture(x: Array) -> Mixture:
         offset, slope = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
-        return Mixture(offset=offset, slope=slope, power=1.0, length=lengths, scale=scale, widen=1.0, dof=np.inf)
+        return Mixture(offset=offset, slope=slope, length=lengths, scale=scale, widen=1.0, dof=np.inf)
 
     start = mixture(np.zeros(2 * k - 2))
     error = np.stack([part.error_m for part in residuals])

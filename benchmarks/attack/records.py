@@ -97,7 +97,7 @@ def sound(folder: Path) -> None:
     sd = np.where(np.isnan(xyz[..., 0]), np.nan, 1e-3)
     trials = tuple(MarkerTrial(name=n, t_s=np.arange(40) / 100, xyz_m=xyz, sd_m=sd) for n in "uv")
     mixture = Mixture(
-        offset=np.zeros(2), slope=np.zeros(2), power=1.0, length=np.array([10.0, 50.0]), scale=np.ones((2, 2)),
+        offset=np.zeros(2), slope=np.zeros(2), length=np.array([10.0, 50.0]), scale=np.ones((2, 2)),
         widen=1.0, dof=36.0,
     )  # fmt: skip
     model = LearnedModel(

@@ -25,7 +25,6 @@ _HEADER: Schema = {
     "trunk": names(among="names"),
     "bones": Entry(kind="s", shape=(None, 2), among="names"),
     "trials": Entry(kind="s", shape=(None,), filled=True),
-    "power": Entry(least=0.0),
     "widen": Entry(least=POSITIVE),
     "dof": Entry(least=POSITIVE),
 }
@@ -87,7 +86,7 @@ def save_model(learned: LearnedModel, path: Path) -> None:
         "trials": [trial.name for trial in learned.trials],
         "models": [written(model) for model in learned.models],
         "descriptions": [model.description for model in learned.models],
-        **{name: getattr(learned.mixture, name) for name in ("power", "widen", "dof")},
+        **{name: getattr(learned.mixture, name) for name in ("widen", "dof")},
         "scores": learned.scores,
     }
     arrays: dict[str, Array] = {}
@@ -143,6 +142,6 @@ def load_model(path: Path) -> LearnedModel:
         bodies=tuple(map(tuple, bodies)),
         trials=tuple(trials),
         models=models,
-        mixture=Mixture(power=float(known["power"]), widen=float(known["widen"]), dof=float(known["dof"]), **mixture),
+        mixture=Mixture(widen=float(known["widen"]), dof=float(known["dof"]), **mixture),
         scores=header["scores"],
     )

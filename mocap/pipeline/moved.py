@@ -14,23 +14,24 @@ MOVED = {"moved": f"the track lies more than {FAR:g} standard deviations from wh
 
 
 def moved(recording: Recording, xyz_m: Array, cov_m2: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """How far (T, M, 3) positions with their (T, M, 3, 3) covariance are from the measured ones, NaN without one.
+    """How (T, M, 3) positions with their (T, M, 3, 3) covariance lie from the measured ones, NaN without one.
 
-    (T, M) metres from the points of the believed clicks, or the positions of the file; and whether these are more than
-    ``FAR`` standard deviations.
+    (T, M, 3) metres from the points of the believed clicks, or the positions of the file; and whether their length is
+    more than ``FAR`` standard deviations.
 
     The distance of a measurement from its estimate has at most the covariance of both together; its deviation here is
     the root mean square over the three coordinates.
     """
-    distance = np.linalg.norm(xyz_m - recording.xyz_m, axis=-1)
+    off = xyz_m - recording.xyz_m
     total = np.trace(cov_m2 + recording.cov_m2, axis1=-2, axis2=-1) / 3
     with np.errstate(invalid="ignore"):
-        return distance, distance > FAR * np.sqrt(total)
+        return off, np.linalg.norm(off, axis=-1) > FAR * np.sqrt(total)
 
 
 def moved_report(recording: Recording, markers: MarkerTracks) -> dict[str, object]:
     """Median, 90 % and largest distance in mm of all that was measured and believed, and where the largest is."""
-    distance_m, far = moved(recording, markers.xyz_m, markers.cov_m2)
+    off_m, far = moved(recording, markers.xyz_m, markers.cov_m2)
+    distance_m = np.linalg.norm(off_m, axis=-1)
     rejected = np.any(list(recording.rejected.values()), axis=0)
     far &= (markers.status == Status.REJECTED) & ~rejected
     known = ((markers.status == Status.MEASURED) | far) & np.isfinite(distance_m)

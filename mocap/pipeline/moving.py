@@ -8,19 +8,23 @@ from mocap.filters.velocities import Asked, Motion
 from mocap.records import MarkerTracks, Status
 
 
-def motion_of(markers: MarkerTracks, frames: slice, rates: Rates | None, asked: Asked) -> Motion:
+def motion_of(
+    markers: MarkerTracks, frames: slice, rates: Rates | None, asked: Asked, *, left_m_s: Array | float = 0.0
+) -> Motion:
     """Velocities and joint covariances of the smoother, for the positions that were returned.
 
     Where the returned covariance of a marker's position is not the smoother's own (mixed and widened in gaps,
     calibration errors added), its block P is carried over as A P A' with A = C^(1/2) P^(-1/2), C the returned one,
     which keeps the correlations with other markers. Velocities keep the smoother's: an error of calibration that
-    lasts moves positions alone.
+    lasts moves positions alone. Where the track leaves measured points, either may be right: half of the square of
+    their velocities' difference is added.
 
     Args:
         markers: The markers as returned.
         frames: Those that were tracked.
         rates: What the smoother knows; None: velocities are NaN.
         asked: Points and pairs of the whole recording.
+        left_m_s: (T, M, 3) the track's velocity less that of the points that it leaves; 0 where it leaves none.
     """
     count, steps, n = len(markers.names), len(markers.t_s), len(asked.names)
     weights = asked.all_weights
@@ -56,6 +60,8 @@ def motion_of(markers: MarkerTracks, frames: slice, rates: Rates | None, asked: 
             one, two = scale[frames, here[a]], scale[frames, here[b]]
             done = _carried(one, found, two)
             cross[frames, column[pair]] = np.swapaxes(done, 1, 2) if turned else done
+        left = left_m_s * np.ones((steps, count, 3))
+        own[..., 3:, 3:] += 0.5 * np.einsum("nm,tmi,tmj->tnij", weights**2, left, left, optimize=True)
         velocity[lost] = np.nan
     return Motion(
         names=asked.names,

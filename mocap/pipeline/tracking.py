@@ -185,8 +185,9 @@ def with_track(
         used[:, frame, marker[ok & whole]] |= np.isfinite(recording.uv_px[:, frame][:, marker[ok & whole], 0])
         innovation[camera[~whole], frame, marker[~whole]] = missed[~whole, :2]
     origin = _origins(recording, believed, np.isfinite(xyz[..., 0]))
-    far = moved(recording, xyz, cov)[1] & ~recording.edited  # what a person states is believed
-    origin[far & (origin == Status.MEASURED)] = Status.REJECTED
+    off, far = moved(recording, xyz, cov)
+    far &= (origin == Status.MEASURED) & ~recording.edited  # what a person states is believed
+    origin[far] = Status.REJECTED
     cov += jump_cov(recording, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
@@ -211,7 +212,8 @@ def with_track(
         **rays,
     )
     asked = asked or asked_for(recording.names, recording.skeleton, n_frames=n_frames)
-    motion = motion_of(found.tracks, part.frames, smoothed.rates, asked)
+    left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
+    motion = motion_of(found.tracks, part.frames, smoothed.rates, asked, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
     return replace(found, data=with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up)))
 

@@ -15,7 +15,7 @@ def small_model():
     xyz = rng.normal(0, 0.1, (5, 3)) + np.cumsum(rng.normal(0, 1e-3, (40, 5, 3)), axis=0)
     trial = MarkerTrial(name="walk", t_s=np.arange(40) / 100, xyz_m=xyz, sd_m=np.full((40, 5), 1e-3))
     one = np.ones((1, 1))
-    mixture = Mixture(offset=[0.0], slope=[0.0], power=2.0, length=[10.0], scale=one, widen=1.0, dof=36.0)
+    mixture = Mixture(offset=[0.0], slope=[0.0], length=[10.0], scale=one, widen=1.0, dof=36.0)
     return LearnedModel(
         names=tuple("abcde"),
         trunk=(),

@@ -23,16 +23,16 @@ def smoothed(rng):
     return Rates(asked=asked, velocity_m_s=velocity, own=own, cross=cross, kept=np.ones((FRAMES, 2, 3)))
 
 
-def returned(rates, added):
+def returned(rates, added, *, left_m_s=0.0):
     """The motion where so much is added to the smoother's covariance of positions."""
     markers = MarkerTracks(
         names=NAMES,
         t_s=0.01 * np.arange(FRAMES),
         xyz_m=np.zeros((FRAMES, 2, 3)),
-        cov_m2=rates.own[..., :3, :3].astype(float) + added * np.eye(3),
+        cov_m2=rates.own[:, :2, :3, :3].astype(float) + added * np.eye(3),
         status=np.full((FRAMES, 2), Status.MEASURED),
     )
-    return motion_of(markers, slice(0, FRAMES), rates, rates.asked)
+    return motion_of(markers, slice(0, FRAMES), rates, rates.asked, left_m_s=left_m_s)
 
 
 def test_an_error_that_lasts_leaves_velocities_as_they_are():
@@ -68,3 +68,19 @@ def test_covariances_are_symmetric_to_the_last_bit():
     own = rates.own * (1.0 + 3e-6 * np.triu(np.ones((6, 6), dtype=np.float32), 1))
     motion = returned(replace(rates, own=own.astype(np.float32)), 0.1)
     np.testing.assert_array_equal(motion.own, np.swapaxes(motion.own, -1, -2))
+
+
+def test_a_velocity_covers_that_of_points_that_the_track_leaves():
+    """As of two values of which either may be right: half of the square of the difference; of a mean by weights."""
+    rates = smoothed(np.random.default_rng(3))
+    mean = Asked(names=(*NAMES, "both"), weights=((0.25, 0.75),), pairs=((0, 1),))
+    three = {name: getattr(rates, name)[:, [0, 1, 1]] for name in ("velocity_m_s", "own", "kept")}
+    rates = replace(rates, asked=mean, **three)
+    left = np.zeros((FRAMES, 2, 3))
+    left[2, 0] = 0.3, 0.0, -0.4
+    plain, wide = (returned(rates, 0.0, left_m_s=left_m_s) for left_m_s in (0.0, left))
+    grown = (wide.own - plain.own)[..., 3:, 3:]
+    expected = 0.5 * np.outer(left[2, 0], left[2, 0])
+    np.testing.assert_allclose(grown[2], [expected, 0 * expected, expected / 16], atol=1e-5)
+    np.testing.assert_array_equal(np.delete(grown, 2, axis=0), 0.0)
+    np.testing.assert_array_equal(wide.own[..., :3, :], plain.own[..., :3, :])

@@ -17,7 +17,6 @@ from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, fla
 def learned() -> Model:
     """From three trials; how models are mixed does not matter here."""
     mixture = Mixture(
-        power=1.0,
         offset=np.zeros(1),
         slope=np.zeros(1),
         length=np.array([10.0]),

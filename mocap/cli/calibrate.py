@@ -60,11 +60,11 @@ class BoardOptions:
         size = _size(self.charuco or "", "--charuco")
         if self.marker_mm is None:
             raise CalibrationError("--charuco needs the side of the board's markers: give --marker-mm")
-        lengths = {"square_m": square_mm / 1e3, "marker_m": self.marker_mm / 1e3}
-        return Charuco(**size, **lengths, dictionary=self.dictionary)
+        marker_m = self.marker_mm / 1e3
+        return Charuco(**size, square_m=square_mm / 1e3, marker_m=marker_m, dictionary=self.dictionary)
 
 
-def _size(text: str, option: str) -> dict[str, int]:
+def _size(text: str, option: str) -> dict[str, Any]:
     found = re.fullmatch(r"(\d+)\s*[xX]\s*(\d+)", text)
     if found is None:
         raise CalibrationError(f"{option} {text!r}: expected columns x rows, as in 9x6")

@@ -147,14 +147,6 @@ def tracked(
 ) -> Iterator[tuple[Record, float | None]]:
     """How each trial went, as they end, and the seconds that it took (None: not known).
 
-    Args:
-        connected: To the cluster that tracks them.
-        trials: Which.
-        options: How.
-        out: The folder of results, which every worker can write.
-        again: Whether those are tracked again that have been.
-        hear: Told the address of a worker, the trial that it is at, and what it does.
-
     Raises:
         NoWorkers: the cluster has none left.
     """

@@ -115,14 +115,7 @@ def check_name(name: str) -> None:
 def write_manifest(
     path: Path, trials: Sequence[Trial], *, folder: Path, told: Sequence[dict[str, object]] = ()
 ) -> None:
-    """Write the manifest of trials.
-
-    Args:
-        path: The file.
-        trials: A row each.
-        folder: Where it will lie: paths are written relative to it.
-        told: Of each trial, what was found in its files (``TOLD``).
-    """
+    """Write the manifest of trials, with paths relative to ``folder``, and what was found in files (``TOLD``)."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([*COLUMNS, *TOLD])

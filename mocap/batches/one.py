@@ -29,13 +29,6 @@ from mocap.results.tracked import Tracked, track
 def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = False, progress: Tell = silent) -> Record:
     """Track a trial, unless that has been done, and write its folder.
 
-    Args:
-        trial: Which.
-        options: How.
-        out: The folder of results; the trial's is that of its name below.
-        again: Whether it is tracked even if that has been done.
-        progress: Called with the name of a stage and the share of it that is done.
-
     Returns:
         How it went; what is wrong with its data is its ``error``, and no exception.
 

@@ -14,8 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.text import Text
 
 from mocap.cli.console import errors, program, say, show_text, typed, visible
-from mocap.cli.options import AsJson, RecordingOptions
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, RecordingOptions, with_records
 
 if TYPE_CHECKING:
     from mocap.batches.run import Progress
@@ -70,7 +69,7 @@ def batch(
     Example: mocap batch data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml --out out/season
     """
     import mocap
-    from mocap.batches.plan import write_plan
+    from mocap.batches.find import write_plan
     from mocap.batches.summary import as_json as records_as_json
     from mocap.batches.summary import reasons
 

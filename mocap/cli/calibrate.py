@@ -1,14 +1,16 @@
 """``mocap calibrate``: cameras from pictures of boards, a wand, known points, or the marker tracks themselves."""
 
 import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from mocap.cli.console import say, show
-from mocap.cli.options import AsJson, CameraOptions, Command, Force, Out, PixelOriginOption, Profile
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, CameraOptions, Command, Force, Out, PixelOriginOption, Profile, with_records
 from mocap.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -16,10 +18,6 @@ if TYPE_CHECKING:
     from mocap.pipeline.calibration_files import CalibrationReport
 
 SquareMm = Annotated[float, typer.Option(help="Side of a square in millimetres.")]
-CheckerboardSize = Annotated[str | None, typer.Option("--checkerboard", help="Inner corners, as in 9x6.")]
-CharucoSize = Annotated[str | None, typer.Option("--charuco", help="Squares of a ChArUco board, as in 7x5.")]
-MarkerMm = Annotated[float | None, typer.Option(help="Side of a ChArUco marker in millimetres.")]
-Dictionary = Annotated[str, typer.Option(help="Dictionary of the markers, as OpenCV names it.")]
 LensModel = Annotated[
     str,
     typer.Option(
@@ -34,6 +32,45 @@ calibrate = typer.Typer(
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class BoardOptions:
+    """Which board was filmed."""
+
+    checkerboard: Annotated[str | None, typer.Option("--checkerboard", help="Inner corners, as in 9x6.")] = None
+    charuco: Annotated[str | None, typer.Option("--charuco", help="Squares of a ChArUco board, as in 7x5.")] = None
+    marker_mm: Annotated[float | None, typer.Option(help="Side of a ChArUco marker in millimetres.")] = None
+    dictionary: Annotated[str, typer.Option(help="Dictionary of the markers, as OpenCV names it.")] = "DICT_4X4_50"
+
+    def board(self, square_mm: float) -> "Board":
+        """A board of squares of this size.
+
+        Raises:
+            CalibrationError: the options do not say which board it is.
+        """
+        from mocap.calibration.boards import Charuco, Checkerboard
+
+        if not square_mm > 0:
+            raise CalibrationError(f"--square-mm {square_mm:g}: the side of a square must be above 0")
+        if (self.checkerboard is None) == (self.charuco is None):
+            raise CalibrationError(
+                "state which board was filmed: --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)"
+            )
+        if self.checkerboard is not None:
+            return Checkerboard(**_size(self.checkerboard, "--checkerboard"), square_m=square_mm / 1e3)
+        size = _size(self.charuco or "", "--charuco")
+        if self.marker_mm is None:
+            raise CalibrationError("--charuco needs the side of the board's markers: give --marker-mm")
+        marker_m = self.marker_mm / 1e3
+        return Charuco(**size, square_m=square_mm / 1e3, marker_m=marker_m, dictionary=self.dictionary)
+
+
+def _size(text: str, option: str) -> dict[str, Any]:
+    found = re.fullmatch(r"(\d+)\s*[xX]\s*(\d+)", text)
+    if found is None:
+        raise CalibrationError(f"{option} {text!r}: expected columns x rows, as in 9x6")
+    return {"columns": int(found[1]), "rows": int(found[2])}
+
+
 def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
     if as_json:
         print((out / "report.json").read_text(encoding="utf-8"), end="")  # noqa: T201
@@ -42,46 +79,35 @@ def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
         say(f"Wrote {out}/")
 
 
-def _size(text: str, option: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d+)\s*[xX]\s*(\d+)", text)
-    if found is None:
-        raise CalibrationError(f"{option} {text!r}: expected columns x rows, as in 9x6")
-    return int(found[1]), int(found[2])
+def _calibrated(
+    made: Callable[[], tuple[Any, ...]],
+    out: Path,
+    inputs: Sequence[Path | None],
+    *,
+    force: bool,
+    as_json: bool,
+    **how: Any,
+) -> None:
+    """Write the folder of cameras and their report that were made, and say what came of it."""
+    from mocap.io.output import result_folder
+    from mocap.pipeline.calibration_files import write_calibration_folder
 
-
-def _board(
-    checkerboard: str | None, charuco: str | None, square_mm: float, marker_mm: float | None, dictionary: str
-) -> "Board":
-    from mocap.calibration.boards import Charuco, Checkerboard
-
-    if not square_mm > 0:
-        raise CalibrationError(f"--square-mm {square_mm:g}: the side of a square must be above 0")
-    if (checkerboard is None) == (charuco is None):
-        raise CalibrationError(
-            "state which board was filmed: --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)"
-        )
-    if checkerboard is not None:
-        columns, rows = _size(checkerboard, "--checkerboard")
-        return Checkerboard(columns=columns, rows=rows, square_m=square_mm / 1e3)
-    columns, rows = _size(charuco or "", "--charuco")
-    if marker_mm is None:
-        raise CalibrationError("--charuco needs the side of the board's markers: give --marker-mm")
-    return Charuco(
-        columns=columns, rows=rows, square_m=square_mm / 1e3, marker_m=marker_mm / 1e3, dictionary=dictionary
-    )
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+        cameras, *upright, report = made()
+        written = write_calibration_folder(rig, cameras, report, **dict(zip(["upright"], upright, strict=False)), **how)
+    _finish(written, out, as_json)
 
 
 @calibrate.command(cls=Command)
+@with_records
 def images(
+    *,
     folder: Annotated[
         Path, typer.Argument(help="Pictures: <camera>/<frame>.png, or <camera><frame>.png in one folder.")
     ],
     square_mm: SquareMm,
     out: Out,
-    checkerboard: CheckerboardSize = None,
-    charuco: CharucoSize = None,
-    marker_mm: MarkerMm = None,
-    dictionary: Dictionary = "DICT_4X4_50",
+    filmed: BoardOptions,
     world_frame: Annotated[
         str | None,
         typer.Option(
@@ -100,30 +126,24 @@ def images(
     as_json: AsJson = False,
 ) -> None:
     """From pictures of a checkerboard or ChArUco board: lenses and positions of 1 to 30 cameras."""
-    from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import from_pictures
-    from mocap.pipeline.calibration_files import write_calibration_folder
 
-    board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
-    inputs = [p for p in (folder, lenses) if p is not None]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
-        cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=say)
-        written = write_calibration_folder(rig, cameras, report)
-    _finish(written, out, as_json)
+    how = {"world_frame": world_frame, "lens": lens, "known": lenses, "tell": say}
+    made = partial(from_pictures, folder, filmed.board(square_mm), **how)
+    _calibrated(made, out, (folder, lenses), force=force, as_json=as_json)
 
 
 @calibrate.command(cls=Command)
+@with_records
 def lenses(
+    *,
     folder: Annotated[
         Path,
         typer.Argument(help="A folder or a film for each camera, or pictures <camera><number>.png; taken at any time."),
     ],
     square_mm: SquareMm,
     out: Out,
-    checkerboard: CheckerboardSize = None,
-    charuco: CharucoSize = None,
-    marker_mm: MarkerMm = None,
-    dictionary: Dictionary = "DICT_4X4_50",
+    filmed: BoardOptions,
     lens: LensModel = "auto",
     force: Force = False,
     as_json: AsJson = False,
@@ -134,7 +154,7 @@ def lenses(
     from mocap.pipeline.calibrate_lenses import lenses_from_pictures
     from mocap.pipeline.calibration_files import write_report
 
-    board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
+    board = filmed.board(square_mm)
     with result_folder(out, "lenses", replace=force, beside=True, inputs=[folder], tell=say) as made:
         known, report = lenses_from_pictures(folder, board, lens=lens, tell=say)
         write_lenses(made / NAME, known)
@@ -143,7 +163,9 @@ def lenses(
 
 
 @calibrate.command(cls=Command)
+@with_records
 def places(
+    *,
     lenses: Annotated[
         Path, typer.Option(help="lenses.toml of `calibrate lenses`, any calibration.toml, or a folder with one.")
     ],
@@ -167,31 +189,24 @@ def places(
         typer.Option(help="In place of points: one picture from each camera of one board that lies still."),
     ] = None,
     square_mm: Annotated[float, typer.Option(help="Side of a square of that board in millimetres.")] = 0.0,
-    checkerboard: CheckerboardSize = None,
-    charuco: CharucoSize = None,
-    marker_mm: MarkerMm = None,
-    dictionary: Dictionary = "DICT_4X4_50",
+    filmed: BoardOptions,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Where cameras with known lenses are: from known points clicked in each picture, or one board on the floor."""
-    from mocap.io.output import result_folder
     from mocap.pipeline.calibrate_places import places_from_board, places_from_points
-    from mocap.pipeline.calibration_files import write_calibration_folder
 
     if (board is None) == (points is None or pixels is None):
         raise CalibrationError("state what is known: --points and --pixels, or --board with the board's size")
-    inputs = [p for p in (lenses, points, pixels, board) if p is not None]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+
+    def made() -> tuple[Any, ...]:
         if board is not None:
-            what = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
-            cameras, report = places_from_board(lenses, board, what, tell=say)
-        else:
-            assert points is not None
-            assert pixels is not None
-            cameras, report = places_from_points(lenses, points, pixels, unit=unit, lower_left=origin == "lower-left")
-        written = write_calibration_folder(rig, cameras, report)
-    _finish(written, out, as_json)
+            return places_from_board(lenses, board, filmed.board(square_mm), tell=say)
+        assert points is not None
+        assert pixels is not None
+        return places_from_points(lenses, points, pixels, unit=unit, lower_left=origin == "lower-left")
+
+    _calibrated(made, out, (lenses, points, pixels, board), force=force, as_json=as_json)
 
 
 @calibrate.command(cls=Command)
@@ -221,23 +236,11 @@ def wand(
     as_json: AsJson = False,
 ) -> None:
     """From two points of known distance (a wand) moved through the volume, and background points."""
-    from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import from_wand
-    from mocap.pipeline.calibration_files import write_calibration_folder
 
-    inputs = [p for p in (file, background, profile) if p is not None]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
-        cameras, upright, report = from_wand(
-            file,
-            background=background,
-            profile=profile,
-            length_m=length_m,
-            moves=free,
-            lower_left=origin == "lower-left",
-            tell=say,
-        )
-        written = write_calibration_folder(rig, cameras, report, upright=upright)
-    _finish(written, out, as_json)
+    how = {"background": background, "profile": profile, "length_m": length_m, "moves": free, "tell": say}
+    made = partial(from_wand, file, lower_left=origin == "lower-left", **how)
+    _calibrated(made, out, (file, background, profile), force=force, as_json=as_json)
 
 
 @calibrate.command(cls=Command)
@@ -255,18 +258,13 @@ def dlt(
     as_json: AsJson = False,
 ) -> None:
     """From points of known position: 11 DLT coefficients for each camera."""
-    from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import UNITS_M, from_points
-    from mocap.pipeline.calibration_files import write_calibration_folder
 
     scale = UNITS_M.get(unit)
     if scale is None:
         raise CalibrationError(f"--unit {unit!r}: expected m, cm or mm")
-    inputs = [points, pixels]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
-        cameras, report = from_points(points, pixels, unit_m=scale)
-        written = write_calibration_folder(rig, cameras, report, lenses=False)
-    _finish(written, out, as_json)
+    made = partial(from_points, points, pixels, unit_m=scale)
+    _calibrated(made, out, (points, pixels), force=force, as_json=as_json, lenses=False)
 
 
 @calibrate.command(cls=Command)
@@ -290,12 +288,8 @@ def refine(
 ) -> None:
     """From the markers of a recording: refine camera positions and orientations until its rays intersect."""
     import mocap
-    from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import from_tracks
-    from mocap.pipeline.calibration_files import write_calibration_folder
 
     recording = mocap.read(tracks, fps=1.0, **stated.stated())
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=recording.inputs, tell=say) as rig:
-        cameras, report = from_tracks(recording, bones=bone or [], focal=focal)
-        written = write_calibration_folder(rig, cameras, report, lenses=False)
-    _finish(written, out, as_json)
+    made = partial(from_tracks, recording, bones=bone or [], focal=focal)
+    _calibrated(made, out, recording.inputs, force=force, as_json=as_json, lenses=False)

@@ -10,11 +10,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
 from rich.segment import Segment
 
-from mocap.cli.words import option_names
 from mocap.progress import bars
 from mocap.text import number_of, visible, with_options
 
@@ -52,6 +52,20 @@ _commands: list[Callable[[], object]] = []
 def in_words_of(command: Callable[[], object]) -> None:
     """From now on arguments that messages name are said as options of this command and those below it."""
     _commands[:] = [command]
+
+
+OTHER = {"overwrite": "--force", "no_solid": "--no-solid"}
+"""Arguments whose options have another name, beside those of ``mocap.read``."""
+
+
+def option_names(command: Any) -> dict[str, str]:
+    """The first option of each parameter of a command and of those below it, by the parameter's name."""
+    from mocap.pipeline.reading import OPTIONS  # which loads all that reads
+
+    found = {p.name: p.opts[0] for p in command.params if p.opts and p.opts[0].startswith("--")}
+    for below in getattr(command, "commands", {}).values():
+        found |= option_names(below)
+    return found | OTHER | OPTIONS
 
 
 def _with_options(text: str) -> str:
@@ -125,16 +139,7 @@ LINES = 25
 
 
 def finish(report: Mapping, text: str, out: Path, *, as_json: bool, verbose: bool, also: Sequence[str] = ()) -> None:
-    """Say where the result is, how to look at it, what is wrong, and what error to expect.
-
-    Args:
-        report: As ``report.json`` holds it.
-        text: The same as Markdown, printed if ``verbose``.
-        out: Where the result was written.
-        as_json: Print the report as JSON alone.
-        verbose: Print all of it.
-        also: What is wrong besides.
-    """
+    """Say where the result is, how to look at it, what is wrong, and what error to expect."""
     if as_json:
         print(json.dumps(report))  # noqa: T201
         return

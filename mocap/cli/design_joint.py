@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args
 import typer
 
 from mocap.cli.console import program, progress, say, show, typed
-from mocap.cli.options import AsJson, Force, Out
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, Force, Out, with_records
 from mocap.errors import MocapError
 
 if TYPE_CHECKING:

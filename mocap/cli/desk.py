@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import RecordingOptions
-from mocap.cli.records import with_records
+from mocap.cli.options import RecordingOptions, with_records
 
 
 @with_records

@@ -16,8 +16,8 @@ from mocap.cli.options import (
     ImageHeight,
     PixelOriginOption,
     Unit,
+    with_records,
 )
-from mocap.cli.records import with_records
 
 
 @with_records

@@ -49,18 +49,16 @@ def kinematics(
     from mocap.io.output import result_folder
     from mocap.kinematics.cycles import why_none
     from mocap.results.exports import EXPORTS
-    from mocap.results.keypoints import KEYPOINTS
     from mocap.skeleton import read_skeleton
 
-    kinds = [*EXPORTS, "mjcf", "osim", "xmalab", *KEYPOINTS]
-    unknown = sorted(set(export or ()) - set(kinds))
+    unknown = sorted(set(export or ()) - set(EXPORTS))
     if unknown:
-        raise MocapError(f"--export {unknown[0]}: give {', '.join(kinds)}")
+        raise MocapError(f"--export {unknown[0]}: give {', '.join(EXPORTS)}")
     result = mocap.load(run)
     if skeleton is not None:
         result = result.with_skeleton(read_skeleton(skeleton))
     place = run / "kinematics" if out is None else out
-    inputs = [run, *(path for path in (skeleton, scale_osim) if path is not None)]
+    inputs = [run, skeleton, scale_osim]
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
         refused = result.write_kinematics(folder, exports=export or (), progress=tell)
         if scale_osim is not None:

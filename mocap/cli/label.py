@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, FileOptions, Force, Fps, Tracks, Unit
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, FileOptions, Force, Fps, Tracks, Unit, with_records
 
 
 @with_records

@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import program, say, show, show_text, typed
-from mocap.cli.options import AsJson, Force, Jobs, RecordingOptions, Verbose
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, Force, Jobs, RecordingOptions, Verbose, with_records
 
 
 @with_records

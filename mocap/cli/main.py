@@ -40,28 +40,28 @@ TROUBLE, FAULT, STOPPED, TERMINATED = 1, 70, 130, 143
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), Ctrl-C, and SIGTERM."""
 INSTALLING = "installing"
 """The page (of ``mocap help``) for what is not installed, or not as it should be."""
-PAGES = {
-    "info": "your_files",
-    "convert": "your_files",
-    "triangulate": "your_files",
-    "digitise": "digitising",
-    "label": "digitising",
-    "track": "your_files",
-    "batch": "batch",
-    "desk": "desk",
-    "kinematics": "kinematics",
-    "learn": "several_recordings",
-    "skeleton": "skeleton",
-    "demo": "first_bat",
-    "view": "looking",
-    "share": "looking",
-    "reproduce": "potential",
-    "design-joint": "mechanism",
-    "compare-joints": "comparing",
-    "data": "truth",
-    "calibrate": "calibration",
+COMMANDS = {
+    info: "your_files",
+    convert: "your_files",
+    triangulate: "your_files",
+    digitise: "digitising",
+    label: "digitising",
+    track: "your_files",
+    batch: "batch",
+    desk: "desk",
+    kinematics: "kinematics",
+    learn: "several_recordings",
+    skeleton: "skeleton",
+    demo: "first_bat",
+    view: "looking",
+    share: "looking",
+    reproduce: "potential",
+    design_joint: "mechanism",
+    compare_joints: "comparing",
 }
 """The page of each command, for errors whose kind has none of its own."""
+PAGES = {command.__name__.replace("_", "-"): page for command, page in COMMANDS.items()}
+PAGES |= {"data": "truth", "calibrate": "calibration"}
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -124,25 +124,6 @@ def start(
         show_text(START)
 
 
-COMMANDS = (
-    info,
-    convert,
-    triangulate,
-    digitise,
-    label,
-    track,
-    batch,
-    desk,
-    kinematics,
-    learn,
-    skeleton,
-    demo,
-    view,
-    share,
-    reproduce,
-    design_joint,
-    compare_joints,
-)
 for command in COMMANDS:
     app.command(cls=Command)(command)
 app.command("help", cls=Command)(help_)

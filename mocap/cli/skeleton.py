@@ -10,8 +10,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, Force, RecordingOptions, Views
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, Force, RecordingOptions, Views, with_records
 
 
 @with_records

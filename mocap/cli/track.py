@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import finish, progress, say, typed
-from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views, with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
 
@@ -118,7 +117,7 @@ def track(
         return
     watching = nullcontext()
     if live:
-        from mocap.rerun.watch import session
+        from mocap.rerun.live import session
 
         watching = session(say)
     with watching as watched:

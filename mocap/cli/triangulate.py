@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, FitLens, Force, RecordingOptions, Views
-from mocap.cli.records import with_records
+from mocap.cli.options import AsJson, FitLens, Force, RecordingOptions, Views, with_records
 
 
 @with_records

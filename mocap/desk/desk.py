@@ -15,10 +15,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from mocap import audit
-from mocap.batches.find import find_trials
+from mocap.batches.find import PLAN, find_trials
 from mocap.batches.known import Options, known, read_record
 from mocap.batches.manifest import read_manifest, write_manifest
-from mocap.batches.plan import PLAN
 from mocap.batches.run import batch
 from mocap.batches.trial import Trial
 from mocap.cameras.arrangement import ArrangementError
@@ -270,34 +269,16 @@ class Desk:
         return self.proof.info() | {"commands": commands}
 
     def opened(self) -> Proof | Session:
-        """What is open in the room of films.
-
-        Raises:
-            MocapError: nothing is.
-        """
-        if self.proof is None:
-            raise MocapError("open a trial first")
-        return self.proof
+        """What is open in the room of films; a MocapError where nothing is."""
+        return _there(self.proof, Proof | Session, "open a trial first")
 
     def tracked(self) -> Proof:
-        """The trial that is proof-read.
-
-        Raises:
-            MocapError: none is open.
-        """
-        if not isinstance(self.proof, Proof):
-            raise MocapError("open a trial that was tracked first")
-        return self.proof
+        """The trial that is proof-read; a MocapError where none is open."""
+        return _there(self.proof, Proof, "open a trial that was tracked first")
 
     def session(self) -> Session:
-        """The films that are digitised.
-
-        Raises:
-            MocapError: none are open.
-        """
-        if not isinstance(self.proof, Session):
-            raise MocapError("open films first: mocap digitise --web")
-        return self.proof
+        """The films that are digitised; a MocapError where none are open."""
+        return _there(self.proof, Session, "open films first: mocap digitise --web")
 
     def draw(self, name: str) -> dict[str, Any]:
         """Open the skeleton of a trial."""
@@ -313,14 +294,8 @@ class Desk:
         return {**draft.info(), "command": shlex.join([*words, "--out", str(draft.path), "--force"])}
 
     def drawing(self) -> Draft:
-        """The skeleton that is drawn.
-
-        Raises:
-            MocapError: none is open.
-        """
-        if self.draft is None:
-            raise MocapError("open the skeleton of a trial first")
-        return self.draft
+        """The skeleton that is drawn; a MocapError where none is open."""
+        return _there(self.draft, Draft, "open the skeleton of a trial first")
 
     def keep_skeleton(self, **drawn: Any) -> str:
         """Write what was drawn, and state it of all trials that had the skeleton of this one, or none as it.
@@ -377,6 +352,12 @@ class Desk:
         return replace(trial, stated={**trial.stated, "edits": log}) if log.is_file() else trial
 
 
+def _there(what: Any, kind: Any, said: str) -> Any:
+    if not isinstance(what, kind):
+        raise MocapError(said)
+    return what
+
+
 def _in_order(trial: Trial) -> Trial:
     """A trial of one file per camera, with the files in the order of their calibration.
 
@@ -411,7 +392,7 @@ def _typed(trial: Trial, *, without: Sequence[str] = ()) -> list[str]:
 def _plain(value: Any) -> str:
     """As it is typed: numbers without needless digits, paths without needless steps."""
     return (
-        f"{value:g}" if isinstance(value, float) else os.path.normpath(value) if isinstance(value, Path) else str(value)
+        f"{value:g}" if isinstance(value, float) else os.path.normpath(value) if isinstance(value, Path) else f"{value}"
     )
 
 
@@ -440,13 +421,6 @@ def opened_desk(
     sources: list[str], out: Path, *, options: Options, jobs: int = 2, stated: Mapping[str, Any] | None = None
 ) -> Iterator[Desk]:
     """A desk of a folder's trials, which goes on where an earlier one on the same results ended.
-
-    Args:
-        sources: As of ``mocap.batch``.
-        out: The folder of results.
-        options: How trials are tracked.
-        jobs: How many at a time.
-        stated: Arguments of ``mocap.read`` for all trials; what the manifest of an earlier desk states goes before.
 
     Raises:
         MocapError: there is no trial, or another desk works in ``out``.

@@ -200,10 +200,6 @@ def _renamed(entry: Any, names: Mapping[str, str], key: str = "") -> Any:
 def open_draft(trial: Trial, path: Path) -> Draft:
     """The skeleton of a trial, to be drawn: that which is stated of it, else its markers alone.
 
-    Args:
-        trial: Which.
-        path: Where it will be written.
-
     Raises:
         MocapError: its files, or its skeleton, cannot be read.
     """

@@ -195,11 +195,7 @@ def _png(picture: Any) -> Response:
 
 
 def _scene_routes(recording: Callable[[], bytes]) -> list[Route]:
-    """Routes to rerun's web viewer, which our page frames and whose page may ask this server alone.
-
-    Args:
-        recording: Gives what it shows, as a file of rerun.
-    """
+    """Routes to rerun's web viewer, which our page frames and whose page may ask this server alone."""
 
     def viewer(name: str, kind: str) -> Route:
         def work(_: _File) -> Response:

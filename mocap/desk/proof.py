@@ -379,14 +379,7 @@ def _user() -> str:
 
 
 def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> Proof:
-    """Open a trial for proof-reading, with its films where they lie beside its tracks.
-
-    Args:
-        name: Of the trial.
-        recording: As read, without edits.
-        result: What was tracked.
-        log: The file of the edits; it need not be there.
-    """
+    """Open a trial for proof-reading, with its films where they lie beside its tracks."""
     edits = read_edits(log) if log.is_file() else []
     pictures = pictures_of(recording)
     solves = pictures.raw.rows is not None and not of_one_camera(pictures.raw)

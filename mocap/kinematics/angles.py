@@ -101,23 +101,28 @@ def level_axes(up: Array) -> Array:
     return np.stack([ahead, cross(up, ahead), up])
 
 
+def _ahead(x: Array, axes: Array) -> Array:
+    """(T, 3) the line from the first to the second point along axes; of one vector (a velocity) itself."""
+    return (x[:, 1] - x[:, 0] if x.shape[1] > 1 else x[:, 0]) @ axes.T
+
+
 def yaw(up: Array) -> Callable[[Array], Array]:
-    """Direction of the line from the first to the second point seen from above, rad."""
+    """Direction of the line from the first to the second point (or of one vector) seen from above, rad."""
     axes = level_axes(up)
 
     def angle(x: Array) -> Array:
-        ahead = (x[:, 1] - x[:, 0]) @ axes.T
+        ahead = _ahead(x, axes)
         return np.arctan2(ahead[:, 1], ahead[:, 0])
 
     return angle
 
 
 def pitch(up: Array) -> Callable[[Array], Array]:
-    """How far the line from the first to the second point rises above the horizontal, rad."""
+    """How far the line from the first to the second point (or one vector) rises above the horizontal, rad."""
     axes = level_axes(up)
 
     def angle(x: Array) -> Array:
-        ahead = (x[:, 1] - x[:, 0]) @ axes.T
+        ahead = _ahead(x, axes)
         return np.arctan2(ahead[:, 2], np.hypot(ahead[:, 0], ahead[:, 1]))
 
     return angle

@@ -224,7 +224,7 @@ def joint_quantities(motion: Motion, skeleton: Skeleton, joint: BodyJoint) -> tu
     who, out = f"of {joint.child} on {joint.parent}", list[Quantity]()
 
     def named(what: str, unit: str, words: str) -> Naming:
-        return Naming(name=f"{joint.name}_{what}", unit=unit, what=f"{words}; {found.what}", kind="joint")
+        return Naming(f"{joint.name}_{what}", unit, f"{words}; {found.what}", "joint")
 
     for number, one in enumerate(angles.turns(axes.sequence)):
         what = f"rotation {who} about {one[0]}, in the sequence {', '.join(axes.sequence)}"

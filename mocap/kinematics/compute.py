@@ -36,11 +36,6 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
     to first order, from the joint covariance of these that the smoother has (the delta method); the rate of a quantity
     is its slope along the velocities of the state, never a difference of positions; accelerations are changes of the
     state's velocities from the frame before to the frame after, with the covariance of these.
-
-    Args:
-        motion: Points with velocities and joint covariances.
-        skeleton: Joints, bones, trunk and measures.
-        recording: Its name.
     """
     if BODY not in motion.names:
         motion = with_means(motion, asked_for(motion.names, skeleton, n_frames=len(motion.t_s)))
@@ -92,12 +87,12 @@ def _joints(motion: Motion, skeleton: Skeleton) -> Iterator[Quantity]:
         axes = skeleton.measures.axes.get(joint.name)
         three = Points.of(motion, (joint.parent, joint.centre, joint.child))
         what = f"angle between {joint.parent}, {joint.centre}, {joint.child}; 180 where they lie in line"
-        naming = Naming(name=f"{joint.name}_angle", unit="deg", what=what, kind="joint")
+        naming = Naming(f"{joint.name}_angle", "deg", what, "joint")
         flexed = Naming(
-            name=f"{joint.name}_flexion",
-            unit="deg",
-            what=f"flexion of {joint.name}: 180 degrees less the angle of its three markers",
-            kind="joint",
+            f"{joint.name}_flexion",
+            "deg",
+            f"flexion of {joint.name}: 180 degrees less the angle of its three markers",
+            "joint",
         )
         flexion, *rates = with_rates(three, angles.flexion, flexed, rates=axes is None)
         yield called(naming, three.names, 180 - flexion.value, flexion.sd, flexion.rests)
@@ -126,7 +121,7 @@ def _three_angles(motion: Motion, joint: Joint, axes: JointAxes) -> Iterator[Qua
             for one in angles.turns(axes.sequence)
         )
     for which, (name, what) in enumerate(about):
-        naming = Naming(name=f"{joint.name}_{name}", unit="deg", what=f"{name} of {joint.name}: {what}", kind="joint")
+        naming = Naming(f"{joint.name}_{name}", "deg", f"{name} of {joint.name}: {what}", "joint")
         angle = angles.joint_angle(which, mirrored=side == RIGHT, sequence=axes.sequence)
         value, *rates = with_rates(points, angle, naming)
         yield replace(value, value=angles.near_the_mean(value.value))
@@ -145,7 +140,7 @@ def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:
     sd, rests = np.sqrt(np.maximum(variance, 0.0)), points.rests
 
     def named(what: str, unit: str, words: str) -> Naming:
-        return Naming(name=f"{name}_{what}", unit=unit, what=f"{words} of {name}", kind=kind)
+        return Naming(f"{name}_{what}", unit, f"{words} of {name}", kind)
 
     out: list[Quantity] = []
     if kind != "marker":
@@ -170,20 +165,10 @@ def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:
 def _body(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:
     """Position, velocity and acceleration of the trunk, its course and how it is turned."""
     out = point_quantities(motion, BODY, kind="body")
-    body, level = Points.of(motion, (BODY,)), angles.level_axes(up)
-
-    def course(v: Array) -> Array:
-        flat = v[:, 0] @ level.T
-        return np.arctan2(flat[:, 1], flat[:, 0])
-
-    def climb(v: Array) -> Array:
-        flat = v[:, 0] @ level.T
-        return np.arctan2(flat[:, 2], np.hypot(flat[:, 0], flat[:, 1]))
-
-    heading = Naming(name="body_heading", unit="deg", what="course of the body seen from above", kind="body")
-    out.append(of_velocity(body, course, heading))
-    climbing = Naming(name="body_climb", unit="deg", what="climb of the body's course", kind="body")
-    out.append(of_velocity(body, climb, climbing))
+    body = Points.of(motion, (BODY,))
+    heading = Naming("body_heading", "deg", "course of the body seen from above", "body")
+    out.append(of_velocity(body, angles.yaw(up), heading))
+    out.append(of_velocity(body, angles.pitch(up), Naming("body_climb", "deg", "climb of the body's course", "body")))
     out.append(_turning(out[-2], body))
     measures = skeleton.measures
     if measures.forward is not None:
@@ -193,12 +178,12 @@ def _body(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:
             ("yaw", angles.yaw(up), f"direction of {line} seen from above"),
             ("pitch", angles.pitch(up), f"angle of {line} above the horizontal"),
         ):
-            naming = Naming(name=f"body_{name}", unit="deg", what=what, kind="body")
+            naming = Naming(f"body_{name}", "deg", what, "body")
             out += with_rates(ahead, function, naming)
         if measures.left is not None:
             four = Points.of(motion, (*measures.forward, *measures.left))
             what = f"turn of the trunk about {line}; positive where its left side is up"
-            naming = Naming(name="body_roll", unit="deg", what=what, kind="body")
+            naming = Naming("body_roll", "deg", what, "body")
             out += with_rates(four, angles.roll(up), naming)
     return out
 
@@ -207,7 +192,7 @@ def _turning(heading: Quantity, body: Points) -> Quantity:
     """Turning rate of the course, from the change of the velocity's direction."""
     t_s = body.motion.t_s
     value = np.degrees(central(t_s, np.radians(heading.value), angle=True))
-    naming = Naming(name="body_turning_rate", unit="deg_s", what="rate of change of body_heading", kind="body")
+    naming = Naming("body_turning_rate", "deg_s", "rate of change of body_heading", "body")
     return called(naming, (BODY,), value, change_sd(t_s, heading.sd, body.kept), edges(heading.rests))
 
 
@@ -215,14 +200,14 @@ def _lengths(motion: Motion, skeleton: Skeleton) -> list[Quantity]:
     """Lengths of bones, stated distances and areas; the last two with their rates."""
     out: list[Quantity] = []
     for name, pair in skeleton.measures.distances.items():
-        naming = Naming(name=name, unit="m", what=f"distance from {pair[0]} to {pair[1]}", kind="length")
+        naming = Naming(name, "m", f"distance from {pair[0]} to {pair[1]}", "length")
         out += with_rates(Points.of(motion, pair), angles.distance, naming)
     for name, outline in skeleton.measures.areas.items():
         what = f"area of the outline {', '.join(outline)}"
-        naming = Naming(name=f"{name}_area", unit="m2", what=what, kind="area")
+        naming = Naming(f"{name}_area", "m2", what, "area")
         out += with_rates(Points.of(motion, outline), angles.area, naming)
     for bone in skeleton.bones:
         what = f"length from {bone.a} to {bone.b}"
-        naming = Naming(name=f"{bone.a}_to_{bone.b}", unit="m", what=what, kind="length")
+        naming = Naming(f"{bone.a}_to_{bone.b}", "m", what, "length")
         out += with_rates(Points.of(motion, (bone.a, bone.b)), angles.distance, naming, rates=False)
     return out

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,6 +144,14 @@ def _way(found: Kinematics, start_s: float, end_s: float) -> float:
     return float(np.linalg.norm(np.array(ends[1]) - np.array(ends[0])))
 
 
+def _cycle(found: Kinematics, kind: str, of: str, ends_s: tuple[float, float], **more: Any) -> Cycle:
+    start_s, end_s = ends_s
+    duration = end_s - start_s
+    speed = _way(found, start_s, end_s) / duration
+    own = {"start_s": start_s, "end_s": end_s, "duration_s": duration, "frequency_hz": 1 / duration}
+    return Cycle(recording=found.recording, kind=kind, of=of, body_speed_m_s=speed, **own, **more)
+
+
 def wing_beats(found: Kinematics, name: str) -> list[Cycle]:
     """Beats of a stroke from one upper turning point to the next: where its rate goes through zero.
 
@@ -178,22 +186,18 @@ def wing_beats(found: Kinematics, name: str) -> list[Cycle]:
         spread = float(np.hypot(sd[0], sd[2]))
         inside = slice(frames[0], frames[2] + 1)
         out.append(
-            Cycle(
-                recording=found.recording,
-                kind="wing_beat",
-                of=name,
+            _cycle(
+                found,
+                "wing_beat",
+                name,
+                (times[0], times[2]),
                 number=len(out) + 1,
-                start_s=times[0],
                 start_sd_s=sd[0],
-                end_s=times[2],
-                duration_s=duration,
-                frequency_hz=1 / duration,
                 frequency_sd_hz=spread / duration**2,
                 filled=float(np.mean(stroke.rests[inside] == Rests.FILLED)),
                 amplitude_deg=values[0] - values[1],
                 amplitude_sd_deg=float(np.hypot(stroke.sd[frames[0]], stroke.sd[frames[1]])),
                 downstroke_fraction=(times[1] - times[0]) / duration,
-                body_speed_m_s=_way(found, times[0], times[2]) / duration,
             )
         )
     return out
@@ -210,10 +214,6 @@ def footfalls(motion: Motion, skeleton: Skeleton) -> Footfalls | None:
     it has not left the ground, whatever noise or a filled gap says. Gaps and contacts of fewer than three frames
     are closed and dropped. On lizard twins 98 % of all frames are right, tracked with their gaps
     (docs/reference/kinematics.md); contacts last 4 % too long, as a foot starts and ends its swing slowly.
-
-    Args:
-        motion: Points with velocities.
-        skeleton: Its feet, its ground.
 
     Returns:
         None: no feet are stated, or they never stand.
@@ -283,26 +283,21 @@ def strides(found: Kinematics, steps: Footfalls) -> list[Cycle]:
         for number, ((start, stop), (after, _)) in enumerate(pairwise(runs), start=1):
             begin, end = (float(t_s[f - 1] + t_s[f]) / 2 for f in (start, after))
             contact = float(t_s[stop - 1] + t_s[min(stop, len(t_s) - 1)]) / 2 - begin
-            way = _way(found, begin, end)
             step = float(t_s[start] - t_s[start - 1])
             duration = end - begin
             out.append(
-                Cycle(
-                    recording=found.recording,
-                    kind="stride",
-                    of=name,
+                _cycle(
+                    found,
+                    "stride",
+                    name,
+                    (begin, end),
                     number=number,
-                    start_s=begin,
                     start_sd_s=step / np.sqrt(12),
-                    end_s=end,
-                    duration_s=duration,
-                    frequency_hz=1 / duration,
                     frequency_sd_hz=step / np.sqrt(6) / duration**2,
                     filled=float(np.mean(rests[start:after] == Rests.FILLED)),
                     contact_s=contact,
                     duty_factor=contact / duration,
-                    stride_length_m=way,
-                    body_speed_m_s=way / duration,
+                    stride_length_m=_way(found, begin, end),
                 )
             )
     return out
@@ -342,17 +337,13 @@ def undulations(found: Kinematics, motion: Motion, skeleton: Skeleton) -> list[C
         lag = lags[a:b].mean(axis=0)
         slope = np.polyfit(arc, lag, 1)[0]
         out.append(
-            Cycle(
-                recording=found.recording,
-                kind="undulation",
-                of="body",
+            _cycle(
+                found,
+                "undulation",
+                "body",
+                (begin, end),
                 number=len(out) + 1,
-                start_s=begin,
-                end_s=end,
-                duration_s=end - begin,
-                frequency_hz=1 / (end - begin),
                 filled=float(filled[a:b].mean()),
-                body_speed_m_s=_way(found, begin, end) / (end - begin),
                 wavelength_m=float(2 * np.pi / abs(slope)),
                 amplitude_m=float(np.abs(signal[a:b]).mean()),
                 phase_lag_deg=float(np.degrees(-lag[-1])),
@@ -392,8 +383,8 @@ def mean_angles(found: Kinematics, rows: Sequence[Cycle]) -> "pd.DataFrame":
     import pandas as pd
 
     phase = np.linspace(0, 1, 101)
-    which = [f.name for f in fields(Cycle)[: [f.name for f in fields(Cycle)].index("start_sd_s")]]
-    columns: dict[str, list] = {name: [getattr(row, name) for row in rows] for name in (*which, "end_s", "filled")}
+    which = ("recording", "kind", "of", "number", "start_s", "end_s", "filled")
+    columns: dict[str, list] = {name: [getattr(row, name) for row in rows] for name in which}
     for angle in (q for q in found.quantities if q.unit == "deg"):
         there = np.isfinite(angle.value)
         turned = angle.value.copy()
@@ -437,12 +428,6 @@ class Ensemble:
 
 def ensemble(found: Kinematics, rows: Sequence[Cycle], quantity: str, *, n_phases: int = 101) -> Ensemble:
     """A quantity over the cycles in which it has values, each stretched to one phase.
-
-    Args:
-        found: The quantities.
-        rows: Cycles of one kind and limb.
-        quantity: Which.
-        n_phases: Number of phases, both ends included.
 
     Raises:
         MocapError: there is no such quantity.

@@ -57,13 +57,9 @@ class Points:
         return self.motion.kept[:, index].mean(axis=(1, 2))
 
 
-def angle_apart(a: Array, b: Array) -> Array:
-    """Difference a - b of angles in radians, between -pi and pi."""
-    return (a - b + np.pi) % (2 * np.pi) - np.pi
-
-
 def _apart(a: Array, b: Array, *, angle: bool) -> Array:
-    return angle_apart(a, b) if angle else a - b
+    """Difference a - b; of angles in radians it is between -pi and pi."""
+    return (a - b + np.pi) % (2 * np.pi) - np.pi if angle else a - b
 
 
 STEP = 1e-4
@@ -102,11 +98,16 @@ def extent(x: Array) -> float:
     return max(float(np.sqrt(np.mean((there - there.mean(axis=1, keepdims=True)) ** 2))), 1e-6)
 
 
+def neighbours(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The frames before and after each of so many, at the ends the frame itself."""
+    return np.maximum(np.arange(count) - 1, 0), np.minimum(np.arange(count) + 1, count - 1)
+
+
 def central(t_s: Array, y: Array, *, angle: bool = False) -> Array:
     """(T,) central difference of a series, at the ends one-sided."""
     if len(t_s) < 2:
         return np.full(len(t_s), np.nan)
-    before, after = np.maximum(np.arange(len(t_s)) - 1, 0), np.minimum(np.arange(len(t_s)) + 1, len(t_s) - 1)
+    before, after = neighbours(len(t_s))
     return _apart(y[after], y[before], angle=angle) / (t_s[after] - t_s[before])
 
 
@@ -114,19 +115,19 @@ def change_sd(t_s: Array, sd: Array, kept: Array) -> Array:
     """(T,) standard deviation of the central difference of a rate, with what neighbours share taken off."""
     if len(t_s) < 2:
         return np.full(len(t_s), np.nan)
-    before, after = np.maximum(np.arange(len(t_s)) - 1, 0), np.minimum(np.arange(len(t_s)) + 1, len(t_s) - 1)
+    before, after = neighbours(len(t_s))
     return np.sqrt(kept * (sd[before] ** 2 + sd[after] ** 2)) / (t_s[after] - t_s[before])
 
 
 def edges(rests: NDArray[np.int8]) -> NDArray[np.int8]:
     """What a change over neighbouring frames rests on: the worst of the three frames."""
-    before, after = np.concatenate([rests[:1], rests[:-1]]), np.concatenate([rests[1:], rests[-1:]])
-    three = np.stack([before, rests, after])
+    before, after = neighbours(len(rests))
+    three = np.stack([rests[before], rests, rests[after]])
     worst = np.where((three == Rests.FILLED).any(axis=0), Rests.FILLED, rests)
     return np.where((three == Rests.MISSING).any(axis=0), Rests.MISSING, worst).astype(np.int8)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Naming:
     """How a quantity and its rates are called.
 
@@ -220,19 +221,11 @@ def with_rates(points: Points, function: Function, naming: Naming, *, rates: boo
             return out
         both = np.empty((len(x), 6 * k))
         both[:, place], both[:, moving] = (around[0] - around[1]) / (2 * far[:, 0]), g
-        rate = Naming(
-            name=f"{naming.name}_rate",
-            unit=f"{naming.unit}_s",
-            what=f"rate of change of {naming.what}",
-            kind=naming.kind,
-        )
+        rate = Naming(f"{naming.name}_rate", f"{naming.unit}_s", f"rate of change of {naming.what}", naming.kind)
         value = np.sum(g * v.reshape(len(x), -1), axis=1)
         out.append(made(points, rate, value, quadratic(both, points.cov), rests))
     second = Naming(
-        name=f"{naming.name}_acceleration",
-        unit=f"{naming.unit}_s2",
-        what=f"second rate of change of {naming.what}",
-        kind=naming.kind,
+        f"{naming.name}_acceleration", f"{naming.unit}_s2", f"second rate of change of {naming.what}", naming.kind
     )
     return [*out, change(out[1], points, second)]
 

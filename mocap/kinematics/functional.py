@@ -41,11 +41,6 @@ def functional_joint(parent: Pose, child: Pose, kind: str) -> FunctionalJoint:
     and is divided out. Standard deviations are those of the jackknife over parts of the motion (Kunsch 1989), as
     neighbouring frames share their errors: half as many as the misfits have independent samples.
 
-    Args:
-        parent: The one body.
-        child: The other, in the same frames.
-        kind: ``ball`` or ``hinge``.
-
     Raises:
         MocapError: both are seen together in too few frames.
     """

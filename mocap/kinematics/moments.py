@@ -12,7 +12,7 @@ from eal.vectors import cross
 from mocap.filters.velocities import Motion
 from mocap.kinematics.angles import unit
 from mocap.kinematics.cycles import Footfalls
-from mocap.kinematics.delta import STEP, Naming, Points, called, central, edges, extent, quadratic, slopes
+from mocap.kinematics.delta import STEP, Naming, Points, called, central, edges, extent, neighbours, quadratic, slopes
 from mocap.kinematics.distal import Distal, distal_parts
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.measures import AXES
@@ -99,21 +99,18 @@ def _of_joint(motion: Motion, part: Distal, skeleton: Skeleton, standing: NDArra
     loads = _Loads(part, -GRAVITY_M_S2 * np.array(AXES[skeleton.measures.up]))
     rests = np.where(standing, Rests.MISSING, edges(points.rests)).astype(np.int8)
     joint = part.joint.name
-    for k, axis in enumerate("xyz"):
-        what = f"net force across {joint} on what is beyond it, along {axis}"
-        naming = Naming(name=f"{joint}_force_{axis}", unit="n", what=what, kind="joint")
-        yield _load(points, lambda x, a, k=k: loads(x, a)[0][:, k], naming, rests)
-    for k, axis in enumerate("xyz"):
-        what = f"net moment across {joint} on what is beyond it, about {axis}"
-        naming = Naming(name=f"{joint}_moment_{axis}", unit="n_m", what=what, kind="joint")
-        yield _load(points, lambda x, a, k=k: loads(x, a)[1][:, k], naming, rests)
+    for which, (load, unit_, along) in enumerate((("force", "n", "along"), ("moment", "n_m", "about"))):
+        for k, axis in enumerate("xyz"):
+            what = f"net {load} across {joint} on what is beyond it, {along} {axis}"
+            naming = Naming(f"{joint}_{load}_{axis}", unit_, what, "joint")
+            yield _load(points, lambda x, a, w=which, k=k: loads(x, a)[w][:, k], naming, rests)
 
     def flexion(x: Array, a: Array) -> Array:
         normal = unit(cross(x[:, 0] - x[:, 1], x[:, 2] - x[:, 1]))
         return -np.sum(normal * loads(x, a)[1], axis=1)
 
     what = f"net moment that flexes {joint}: about the normal of {', '.join(part.markers[:3])}"
-    yield _load(points, flexion, Naming(name=f"{joint}_flexion_moment", unit="n_m", what=what, kind="joint"), rests)
+    yield _load(points, flexion, Naming(f"{joint}_flexion_moment", "n_m", what, "joint"), rests)
 
 
 def _load(
@@ -135,7 +132,7 @@ def _load(
     with np.errstate(invalid="ignore", divide="ignore"):
         both = np.concatenate([x, a], axis=1)
         h, g = np.split(slopes(at, both, STEP * extent(x), angle=False), 2, axis=1)
-        before, after = np.maximum(np.arange(len(x)) - 1, 0), np.minimum(np.arange(len(x)) + 1, len(x) - 1)
+        before, after = neighbours(len(x))
         speeds = points.cov[:, moving][:, :, moving]
         change = np.sqrt(points.kept) * quadratic(g, speeds[before] + speeds[after]) / (t_s[after] - t_s[before])
         sd = np.hypot(quadratic(h, points.cov[:, place][:, :, place]), change)

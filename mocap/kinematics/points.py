@@ -15,13 +15,7 @@ MOST_BYTES = 4e8
 
 
 def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Asked:
-    """All that the quantities of a skeleton need.
-
-    Args:
-        names: The M markers of the recording.
-        skeleton: Joints, bones, trunk and measures.
-        n_frames: Number of frames, for the memory.
-    """
+    """All that the quantities of a skeleton need."""
     weights = [mean_weights(names, skeleton.trunk or names)]
     means = [BODY]
     if skeleton.measures.segments:

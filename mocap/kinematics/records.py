@@ -1,7 +1,7 @@
 """Quantities over time, each with its standard deviation and whether it rests on measured samples."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -148,28 +148,22 @@ class Kinematics(Mapping[str, Quantity]):
         """Quantities of a kind whose names end so."""
         return [q for q in self.quantities if q.kind == kind and q.name.endswith(ends)]
 
+    def stacked(self, part: str) -> NDArray:
+        """(T, Q) values (``value``, ``sd`` or ``rests``) of all quantities."""
+        return np.stack([getattr(q, part) for q in self.quantities], axis=1)
+
     def to_dataframe(self, *, long: bool = False) -> "pd.DataFrame":
         """A row a frame, columns as in ``kinematics.csv``; or (``long``) a row for each quantity and frame."""
         import pandas as pd
 
         frames = np.arange(1, len(self.t_s) + 1)
         if long:
-            parts = [
-                pd.DataFrame(
-                    {
-                        "recording": self.recording,
-                        "frame": frames,
-                        "t_s": self.t_s,
-                        "quantity": q.name,
-                        "unit": q.unit,
-                        "value": q.value,
-                        "sd": q.sd,
-                        "status": np.array(WORDS)[q.rests],
-                    }
-                )
+            titles = ("recording", "frame", "t_s", "quantity", "unit", "value", "sd", "status")
+            rows = (
+                (self.recording, frames, self.t_s, q.name, q.unit, q.value, q.sd, np.array(WORDS)[q.rests])
                 for q in self.quantities
-            ]
-            return pd.concat(parts, ignore_index=True)
+            )
+            return pd.concat([pd.DataFrame(dict(zip(titles, row, strict=True))) for row in rows], ignore_index=True)
         columns: dict[str, object] = {"frame": frames}
         for q in self.quantities:
             columns |= {q.name: q.value, f"{q.name}_sd": q.sd, f"{q.name}_status": np.array(WORDS)[q.rests]}
@@ -179,16 +173,13 @@ class Kinematics(Mapping[str, Quantity]):
         """As ``kinematics.nc``: ``value``, ``sd``, ``status`` (time, quantity), with unit, kind and meaning of each."""
         import xarray as xr
 
-        def stacked(get: Callable[[Quantity], NDArray]) -> NDArray:
-            return np.stack([get(q) for q in self.quantities], axis=1)
-
         flags = {"flag_values": np.array([int(o) for o in Rests], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
         both = ("time", "quantity")
         return xr.Dataset(
             {
-                "value": (both, stacked(lambda q: q.value)),
-                "sd": (both, stacked(lambda q: q.sd)),
-                "status": (both, stacked(lambda q: q.rests), flags),
+                "value": (both, self.stacked("value")),
+                "sd": (both, self.stacked("sd")),
+                "status": (both, self.stacked("rests"), flags),
                 "unit": ("quantity", [q.unit for q in self.quantities]),
                 "kind": ("quantity", [q.kind for q in self.quantities]),
                 "meaning": ("quantity", [q.what for q in self.quantities]),

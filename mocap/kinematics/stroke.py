@@ -86,17 +86,14 @@ def stroke_quantities(motion: Motion, skeleton: Skeleton) -> list[Quantity]:
         points = Points.of(motion, (*measures.forward, *measures.left, root, tip))
         inclined = f"stroke plane {np.degrees(plane.inclination_rad):.1f} degrees from the trunk's transverse plane"
         stroke = Naming(
-            name=f"{name}_stroke",
-            unit="deg",
-            what=f"angle of the line from {root} to {tip} in its stroke plane, up is positive; {inclined}",
-            kind="stroke",
+            f"{name}_stroke",
+            "deg",
+            f"angle of the line from {root} to {tip} in its stroke plane, up is positive; {inclined}",
+            "stroke",
         )
         found = with_rates(points, stroke_function(plane, deviation=False), stroke)
         aside = Naming(
-            name=f"{name}_deviation",
-            unit="deg",
-            what=f"angle of that line out of its plane, ahead is positive; {inclined}",
-            kind="stroke",
+            f"{name}_deviation", "deg", f"angle of that line out of its plane, ahead is positive; {inclined}", "stroke"
         )
         found += with_rates(points, stroke_function(plane, deviation=True), aside, rates=False)
         out += [*found, phase_of(found[0], name)]
@@ -117,7 +114,7 @@ def phase_of(stroke: Quantity, name: str) -> Quantity:
         value = np.where(there, np.degrees(np.angle(signal)) % 360, np.nan)
         sd = np.where(there, np.degrees(stroke.sd / np.maximum(np.abs(signal), 1e-9)), np.nan)
     what = f"phase of {stroke.name}: 0 at its upper end, 180 at its lower end"
-    naming = Naming(name=f"{name}_phase", unit="deg", what=what, kind="stroke")
+    naming = Naming(f"{name}_phase", "deg", what, "stroke")
     return called(naming, stroke.markers, value, sd, stroke.rests)
 
 

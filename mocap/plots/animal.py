@@ -95,15 +95,8 @@ def _scale_bar(ax: "Axes", low: Array, high: Array) -> None:
     quarter = 0.25 * float((high - low).max())
     length = max((k * 10.0**e for e in range(-4, 6) for k in (1, 2, 5) if k * 10.0**e <= quarter), default=quarter)
     ax.plot([low[0], low[0] + length], [low[1]] * 2, color="0.2", linewidth=1.5, solid_capstyle="butt")
-    ax.annotate(
-        f"{length:g} mm",
-        tuple(low),
-        xytext=(0, -2),
-        textcoords="offset points",
-        fontsize=6.5,
-        va="top",
-        annotation_clip=False,
-    )
+    below = {"xytext": (0, -2), "textcoords": "offset points", "va": "top", "annotation_clip": False}
+    ax.annotate(f"{length:g} mm", tuple(low), fontsize=6.5, **below)
 
 
 def _middle(xyz: Array) -> Array:
@@ -125,11 +118,7 @@ def _path(ax: "Axes", middle: Array) -> None:
     path = path - path[0]
     ax.plot(*path.T, color=COLOURS[0], linewidth=0.9)
     ax.plot(*path[0], "o", color=COLOURS[0], markersize=3)
-    ax.annotate(
-        "",
-        path[-1],
-        path[max(0, len(path) - 1 - len(path) // 20)],
-        arrowprops={"arrowstyle": "->", "color": COLOURS[0]},
-    )
+    tip = {"arrowstyle": "->", "color": COLOURS[0]}
+    ax.annotate("", path[-1], path[max(0, len(path) - 1 - len(path) // 20)], arrowprops=tip)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_xlabel("mm", fontsize=7)

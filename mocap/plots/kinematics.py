@@ -5,7 +5,7 @@ journal wide.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,19 @@ def styled(ax: "Axes") -> None:
         ax.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         ax.spines[side].set_linewidth(0.6)
+
+
+def labelled(ax: "Axes", x: str | None = None, y: str | None = None) -> None:
+    """Titles of the axes; None: that one has none."""
+    for title, what in ((ax.set_xlabel, x), (ax.set_ylabel, y)):
+        if what is not None:
+            title(what, fontsize=7)
+
+
+def legend_above(ax: "Axes", *, size: float = 6.5, up: float = 1.0, **more: Any) -> None:
+    """A legend without a frame above the axes."""
+    place = {"loc": "lower left", "bbox_to_anchor": (0, up), "borderaxespad": 0.1}
+    ax.legend(fontsize=size, frameon=False, **{**place, **more})
 
 
 def label(name: str) -> str:
@@ -128,9 +141,7 @@ def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity
         _over(ax, t_s[there])
     unit = UNITS[several[0].unit]
     ax.set_ylabel(f"{'angle' if several[0].unit == 'deg' else label(several[0].name)} ({unit})", fontsize=7)
-    ax.legend(
-        handles=keys, fontsize=7, frameon=False, ncols=5, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1
-    )
+    legend_above(ax, size=7, handles=keys, ncols=5)
     if below is not None:
         below.set_ylim(bottom=0)
         below.set_ylabel(f"± ({unit})", fontsize=7)
@@ -138,16 +149,8 @@ def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity
 
 def _bar(ax: "Axes", t_s: Array, where: NDArray[np.bool_], bottom: float, colour: str) -> None:
     """A bar along the time axis where something holds, ``bottom`` up from the axis as a share of the height."""
-    ax.fill_between(
-        t_s,
-        bottom,
-        bottom + 0.022,
-        where=where.tolist(),
-        step="mid",
-        transform=ax.get_xaxis_transform(),
-        color=colour,
-        linewidth=0,
-    )
+    look = {"step": "mid", "transform": ax.get_xaxis_transform(), "color": colour, "linewidth": 0}
+    ax.fill_between(t_s, bottom, bottom + 0.022, where=where.tolist(), **look)
 
 
 def _limits(several: Sequence[Quantity]) -> tuple[float, float]:
@@ -169,9 +172,14 @@ def _over(ax: "Axes", t_s: Array) -> None:
         ax.set_xlim(float(t_s[0]), float(t_s[-1]))
 
 
+def half_frame(t_s: Array) -> float:
+    """Half of the usual time between frames, s."""
+    return 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.5
+
+
 def shade(ax: "Axes", t_s: Array, where: NDArray[np.bool_]) -> None:
     """Grey where something holds."""
-    half = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.5
+    half = half_frame(t_s)
     for start, stop in true_runs(where):
         ax.axvspan(t_s[start] - half, t_s[stop - 1] + half, color=GAP, linewidth=0, zorder=0)
 
@@ -207,28 +215,18 @@ def plot_by_phase(
     if turning is not None and np.isfinite(turning):
         ax.axvline(turning, color="0.5", linewidth=0.7, linestyle="--")
         for phase, text in ((0.0, "upper"), (turning, "lower"), (1.0, "upper")):
-            ax.annotate(
-                text,
-                (phase, 1),
-                xycoords=("data", "axes fraction"),
-                xytext=(0, 1),
-                textcoords="offset points",
-                fontsize=6,
-                ha="center",
-                color="0.35",
-            )
+            place = {"xycoords": ("data", "axes fraction"), "xytext": (0, 1), "textcoords": "offset points"}
+            ax.annotate(text, (phase, 1), fontsize=6, ha="center", color="0.35", **place)
     ax.set_xlim(0, 1)
-    ax.set_xlabel(f"phase of the {of} (cycles)", fontsize=7)
-    ax.set_ylabel(f"{'angle' if unit == 'deg' else 'value'} ({UNITS[unit]})", fontsize=7)
-    up = 1.0 if turning is None else 1.06
-    ax.legend(fontsize=6.5, frameon=False, loc="lower left", bbox_to_anchor=(0, up), borderaxespad=0.1)
+    labelled(ax, f"phase of the {of} (cycles)", f"{'angle' if unit == 'deg' else 'value'} ({UNITS[unit]})")
+    legend_above(ax, up=1.0 if turning is None else 1.06)
     return ax
 
 
 def plot_gait(steps: Footfalls, *, ax: "Axes | None" = None) -> "Axes":
     """Gait diagram: a bar where a foot stands, with its duty factor."""
     ax = new_axes(width_mm=180, height_mm=16 + 7 * len(steps.feet), left_mm=18) if ax is None else ax
-    half = 0.5 * float(np.median(np.diff(steps.t_s)))
+    half = half_frame(steps.t_s)
     for row in range(len(steps.feet)):
         for start, stop in true_runs(steps.stance[:, row]):
             left = steps.t_s[start] - half
@@ -254,21 +252,13 @@ def plot_cycle_values(rows: Sequence[Cycle], what: str, *, unit: str, ax: "Axes 
             [row.start_s for row in some], values, np.where(np.isfinite(half), half, 0.0), fmt="o-", markersize=2.5,
             color=COLOURS[k % len(COLOURS)], linewidth=0.7, elinewidth=0.7, capsize=1.2, label=text,
         )  # fmt: skip
-    ax.set_xlabel("time (s)", fontsize=7)
-    ax.set_ylabel(f"{stem.replace('_', ' ')} ({unit})", fontsize=7)
-    ax.legend(fontsize=6.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+    labelled(ax, "time (s)", f"{stem.replace('_', ' ')} ({unit})")
+    legend_above(ax)
     return ax
 
 
 def plot_stroke_path(found: Kinematics, name: str, rows: Sequence[Cycle] = (), *, ax: "Axes | None" = None) -> "Axes":
-    """Path of a limb in and out of its stroke plane, with equal axes; the mean of its cycles, and which way it goes.
-
-    Args:
-        found: The quantities.
-        name: The stroke.
-        rows: Its cycles; none: no mean is drawn.
-        ax: To draw on; None: new ones.
-    """
+    """Path of a limb in and out of its stroke plane, with equal axes; the mean of its cycles, and which way it goes."""
     ax = new_axes(rows=1) if ax is None else ax
     stroke, aside = found[f"{name}_stroke_deg"], found[f"{name}_deviation_deg"]
     ax.axhline(0, color="0.8", linewidth=0.6)
@@ -283,9 +273,8 @@ def plot_stroke_path(found: Kinematics, name: str, rows: Sequence[Cycle] = (), *
             tip = {"arrowstyle": "->", "color": COLOURS[0], "linewidth": 1.6}
             ax.annotate("", (along[k + 2], out[k + 2]), (along[k], out[k]), arrowprops=tip)
     ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel(f"{words(name)}: stroke angle, up is positive (°)", fontsize=7)
-    ax.set_ylabel("out of the stroke plane (°)", fontsize=7)
-    ax.legend(fontsize=6.5, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+    labelled(ax, f"{words(name)}: stroke angle, up is positive (°)", "out of the stroke plane (°)")
+    legend_above(ax, ncols=3)
     return ax
 
 
@@ -309,7 +298,7 @@ def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax:
     picture = np.ones((*status.shape, 3))
     for _, colour, where in kinds:
         picture[where] = to_rgb(colour)
-    half = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.5
+    half = half_frame(t_s)
     span = (t_s[0] - half, t_s[-1] + half, len(names) - 0.5, -0.5)
     ax.imshow(np.swapaxes(picture, 0, 1), aspect="auto", interpolation="nearest", extent=span)
     ax.hlines(np.arange(0.5, len(names) - 1), *span[:2], color="white", linewidth=0.5)  # markers apart
@@ -346,4 +335,48 @@ def plot_residuals(
     ax.set_ylim(len(cameras) - 0.4, -0.6)
     ax.set_xlim(left=0)
     ax.set_xlabel("px from the tracked markers: median, 50 and 90 %", fontsize=7)
+    return ax
+
+
+def plot_coordinates(
+    t_s: Array,
+    q_m: Array,
+    sd_m: Array,
+    filled: NDArray[np.bool_],
+    *,
+    labels: tuple[str, ...],
+    title: str,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Lines with their 95 % interval; where a sample is filled, a grey bar below.
+
+    Args:
+        t_s: (T,) times.
+        q_m: (T, d) coordinates in metres.
+        sd_m: (T,) standard deviation of a coordinate.
+        filled: (T,) frames that rest on at least one sample that was not measured.
+        labels: Of the d coordinates.
+        title: Of the axes.
+        ax: To draw on; None: new ones.
+    """
+    from matplotlib import pyplot
+
+    ax = pyplot.subplots(figsize=(8, 3.2), layout="constrained")[1] if ax is None else ax
+    for k, label in enumerate(labels):
+        value, half = 1e3 * q_m[:, k], 1e3 * Z95 * sd_m
+        color = COLOURS[k % 3]
+        ax.fill_between(t_s, value - half, value + half, color=color, alpha=0.2, linewidth=0)
+        ax.plot(t_s, value, color=color, linewidth=1.2, label=label)
+    if filled.any():
+        ax.fill_between(
+            t_s, 0, 0.02, where=filled.tolist(), transform=ax.get_xaxis_transform(), color="0.45", label="filled"
+        )
+    there = np.flatnonzero(np.isfinite(q_m).any(axis=1))
+    if len(there) > 1:
+        first, last = float(t_s[there[0]]), float(t_s[there[-1]])
+        ax.set_xlim(first - 0.03 * (last - first), last + 0.03 * (last - first))
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("mm")
+    ax.set_title(title, fontsize=10)
+    ax.legend(fontsize=8, frameon=False, ncols=4)
     return ax

@@ -5,15 +5,17 @@ import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.cycles import Cycle, Footfalls, cycles_table
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
+from mocap.plots import figures
 from mocap.plots.figures import Picture, drawn
 from mocap.plots.kinematics import UNITS, label
 from mocap.records import Status
@@ -23,18 +25,17 @@ _MEANT = {"body_speed_m_s": "net body speed"}
 """Columns of the table of cycles whose names leave open what they are."""
 
 
+def write_page(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None, folder: Path) -> None:
+    """Write ``figures/`` and ``report.html`` into a folder."""
+    shown = list(figures.pictures(run, found, rows, steps))
+    page = report_page(run, found, rows, shown, figures.write_pictures(shown, folder))
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
 def report_page(
     run: Recording, found: Kinematics, rows: Sequence[Cycle], shown: Sequence[Picture], svg: Mapping[str, str]
 ) -> str:
-    """The page: numbers, findings, tables and figures.
-
-    Args:
-        run: The run.
-        found: Its quantities.
-        rows: Its cycles.
-        shown: Its figures.
-        svg: What was drawn, by the name of the figure.
-    """
+    """The page: numbers, findings, tables and figures."""
     from jinja2 import Environment
     from markdown_it import MarkdownIt
 

@@ -10,7 +10,7 @@ from eal.arrays import Z95
 from mocap.pipeline.plane import in_units
 from mocap.pipeline.recording import Recording
 from mocap.plots.figures import Picture, write_pictures
-from mocap.plots.kinematics import COLOURS, new_axes, shade
+from mocap.plots.kinematics import COLOURS, labelled, legend_above, new_axes, shade
 from mocap.records import Status
 
 if TYPE_CHECKING:
@@ -37,14 +37,11 @@ def plane_pictures(run: Recording) -> Iterator[Picture]:
         ax = new_axes(width_mm=180, rows=1 + (len(most) - 1) // 6)
         shade(ax, markers.t_s, np.asarray(filled[:, most].sum(axis=1) > 0))
         for m, colour in zip(most, COLOURS, strict=False):
-            half = Z95 * np.sqrt(cov[:, m, axis, axis])
-            ax.fill_between(
-                markers.t_s, xy[:, m, axis] - half, xy[:, m, axis] + half, color=colour, alpha=0.25, linewidth=0
-            )
-            ax.plot(markers.t_s, xy[:, m, axis], color=colour, linewidth=0.9, label=markers.names[m])
-        ax.set_xlabel("time (s)        band: 95 % interval; grey: one of these markers was filled", fontsize=7)
-        ax.set_ylabel(f"{title} ({unit})", fontsize=7)
-        ax.legend(fontsize=7, frameon=False, ncols=6, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+            value, half = xy[:, m, axis], Z95 * np.sqrt(cov[:, m, axis, axis])
+            ax.fill_between(markers.t_s, value - half, value + half, color=colour, alpha=0.25, linewidth=0)
+            ax.plot(markers.t_s, value, color=colour, linewidth=0.9, label=markers.names[m])
+        labelled(ax, "time (s)        band: 95 % interval; grey: one of these markers was filled", f"{title} ({unit})")
+        legend_above(ax, size=7, ncols=6)
         yield Picture(name=f"{title}_over_time", caption=f"{title} of markers with 95 % intervals.", figure=ax.figure)
 
 
@@ -59,6 +56,5 @@ def _paths(xy: np.ndarray, filled: np.ndarray, names: tuple[str, ...], unit: str
             ax.annotate(names[m], xy[known[0], m], fontsize=5, color=colour)
     ax.set_aspect("equal", adjustable="datalim")
     ax.invert_yaxis()
-    ax.set_xlabel(f"x ({unit})", fontsize=7)
-    ax.set_ylabel(f"y ({unit})", fontsize=7)
+    labelled(ax, f"x ({unit})", f"y ({unit})")
     return ax

@@ -1,24 +1,69 @@
-"""Whole columns of a recording: time axes, points that are not always there, line segments."""
+"""A recording into a file, and whole columns of it: time axes, points that are not always there, line segments."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import rerun as rr
-from numpy.typing import NDArray
+import rerun.blueprint as rrb
+from numpy.typing import ArrayLike, NDArray
 
 from eal.arrays import Array
+from mocap.errors import MocapError
 
 Single = NDArray[np.float32]
 """Numbers as the viewer keeps them."""
 
 FRAME = "frame"
 TIME = "time"
-
-
+ui = rr.components.Radius.ui_points
+"""A radius in points of the screen."""
 _NUMBERS: ContextVar[tuple[int, int]] = ContextVar("numbers", default=(1, 1))
+
+
+class RecordingError(MocapError):
+    """A recording could not be made."""
+
+
+@contextmanager
+def recording_into(
+    path: Path, *, application: str, recording_id: str, blueprint: rrb.Blueprint
+) -> Iterator[rr.RecordingStream]:
+    """A stream whose content is in the file afterwards; data that the viewer cannot take are an error meanwhile.
+
+    rerun's own file sink says nothing of a write that fails, and may wait for ever.
+
+    Yields:
+        The stream.
+
+    Raises:
+        RecordingError: rerun is switched off, or does not take the data.
+        OSError: the file cannot be written.
+    """
+    strict = rr.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        rec = rr.RecordingStream(application, recording_id=recording_id, send_properties=False)
+        rec.set_log_time_enabled(False)
+        try:
+            buffer = rec.binary_stream()
+            rec.send_blueprint(blueprint, make_active=True, make_default=True)  # else a browser makes up views
+            yield rec
+            content = buffer.read(flush=True, flush_timeout_sec=600)
+        except RuntimeError as error:
+            raise RecordingError(
+                f"{path.name}: the recording was not made ({error}): is the environment variable RERUN set to off?"
+            ) from error
+        finally:
+            rec.disconnect()
+    finally:
+        rr.set_strict_mode(strict)
+    if not content:
+        raise RecordingError(f"{path.name}: rerun recorded nothing: is the environment variable RERUN set to off?")
+    path.write_bytes(content)
 
 
 @contextmanager
@@ -49,10 +94,38 @@ def time_columns(t_s: Array, *, at: NDArray | None = None) -> list[rr.TimeColumn
     ]
 
 
-def changing(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Frames that need an entry where most frames have nothing to show: those with something, and those just after."""
-    some = counts > 0
-    return np.flatnonzero(some | np.append(True, some[:-1]))
+def log_over_time(
+    rec: rr.RecordingStream,
+    path: str,
+    t_s: Array,
+    columns: rr.ComponentColumnList,
+    look: rr.AsComponents | None = None,
+    *,
+    counts: ArrayLike | None = None,
+    at: NDArray | None = None,
+    rare: bool = False,
+) -> None:
+    """An entity over time, and how it looks.
+
+    Args:
+        rec: Where to.
+        path: Entity.
+        t_s: (T,) times.
+        columns: What changes.
+        look: What does not; None: that is logged elsewhere.
+        counts: Of each frame, how many entries of the columns it has; None: they are divided already.
+        at: The frames that have entries; None: all.
+        rare: Whether most frames have nothing to show: only those with something are written, and those just after.
+    """
+    if look is not None:
+        rec.log(path, look, static=True)
+    if counts is not None:
+        each = np.asarray(counts, dtype=int)
+        if rare:
+            at = np.flatnonzero((each > 0) | np.append(True, each[:-1] > 0))
+            each = each[at]
+        columns = columns.partition(each)
+    rec.send_columns(path, indexes=time_columns(t_s, at=at), columns=columns)
 
 
 def single(values: Array) -> Single:
@@ -74,8 +147,3 @@ def segments(start: Array | Single, end: Array | Single) -> pa.Array:
     vectors = pa.FixedSizeListArray.from_arrays(pa.array(points.ravel()), type=kind.value_type)
     offsets = pa.array(np.arange(0, 2 * len(points) + 1, 2, dtype=np.int32))
     return pa.ListArray.from_arrays(offsets, vectors, type=kind)
-
-
-def names_of(labels: Sequence[str]) -> list[rr.AnnotationInfo]:
-    """Keypoints named in order."""
-    return [rr.AnnotationInfo(id=i, label=label) for i, label in enumerate(labels)]

@@ -11,14 +11,13 @@ from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
-from mocap.rerun.columns import numbered_from, segments, single, time_columns
+from mocap.rerun.columns import log_over_time, numbered_from, recording_into, segments, single, ui
 from mocap.rerun.landscape import MM_PER_M
 from mocap.rerun.layout import play_fps, trail_length
 from mocap.rerun.row_map import amounts, log_row_map, rms, row_map_view, usual_limit
 from mocap.rerun.scene_views import eye, last_frames, world_view
 from mocap.rerun.series import log_line, series_view
 from mocap.rerun.stored import Stored, read_recording, recording_file
-from mocap.rerun.stream import recording_into
 
 APPLICATION = "mocap-compare"
 COLORS = (palette.SKY_BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE)
@@ -34,10 +33,6 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
     """Put runs into one recording, each below a path of its own, with what differs between them.
 
     Frames are matched by their numbers, markers by their names; differences are to the first run.
-
-    Args:
-        runs: Two to four folders of runs, or their recordings.
-        out: The ``.rrd`` to write; its folder exists.
 
     Raises:
         MocapError: too few or too many, one of them is no recording, or they share no marker.
@@ -109,15 +104,15 @@ def difference_mm(first: Stored, other: Stored) -> Difference:
 
 def _log_body(rec: rr.RecordingStream, number: int, run: Stored) -> None:
     """Markers and bones in the colour of the run, for the scene that shows all of them."""
-    path, ui, index = paths.together(number), rr.components.Radius.ui_points, time_columns(run.t_s)
-    rec.log(f"{path}/markers", rr.Points3D.from_fields(colors=COLORS[number], radii=ui(3.0)), static=True)
-    rec.send_columns(f"{path}/markers", indexes=index, columns=rr.Points3D.columns(positions=single(run.xyz_m)))
+    path = paths.together(number)
+    look = rr.Points3D.from_fields(colors=COLORS[number], radii=ui(3.0))
+    log_over_time(rec, f"{path}/markers", run.t_s, rr.Points3D.columns(positions=single(run.xyz_m)), look)
     if run.bones:
-        rec.log(f"{path}/bones", rr.LineStrips3D.from_fields(colors=COLORS[number], radii=ui(1.5)), static=True)
+        look = rr.LineStrips3D.from_fields(colors=COLORS[number], radii=ui(1.5))
         ends = run.xyz_m[:, np.array(run.bones)]  # (T, bones, 2, 3)
         there = np.isfinite(ends).all(axis=(-1, -2))
         columns = rr.LineStrips3D.columns(strips=segments(ends[there][:, 0], ends[there][:, 1]))
-        rec.send_columns(f"{path}/bones", indexes=index, columns=columns.partition(there.sum(axis=1)))
+        log_over_time(rec, f"{path}/bones", run.t_s, columns, look, counts=there.sum(axis=1))
 
 
 def _log_difference(
@@ -129,12 +124,7 @@ def _log_difference(
 
 
 def compare_blueprint(runs: Sequence[Stored], differences: Sequence[Difference]) -> rrb.Blueprint:
-    """Tabs: Together, Side by side, Cameras, Joints, Filter health, Reports; a column a run.
-
-    Args:
-        runs: What is compared.
-        differences: From the first, for each run but that.
-    """
+    """Tabs: Together, Side by side, Cameras, Joints, Filter health, Reports; a column a run."""
     tabs = [
         _together(runs, [usual_limit(apart) for _, apart in differences]),
         _side_by_side(runs),

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mocap.records import MarkerTracks
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import time_columns
+from mocap.rerun.columns import log_over_time
 from mocap.rerun.log_markers import classes
 from mocap.rerun.row_map import columns_of, log_row_map, row_map_view
 
@@ -36,13 +36,8 @@ def log_gaps(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
     states = _STATES[class_codes(markers)]
     for m, name in enumerate(markers.names):
         path = paths.child(paths.GAPS, name)
-        rec.log(path, look, static=True)
         at = np.flatnonzero(np.append(True, states[1:, m] != states[:-1, m]))
-        rec.send_columns(
-            path,
-            indexes=time_columns(markers.t_s, at=at),
-            columns=rr.StateChange.columns(state=states[at, m].tolist()),
-        )
+        log_over_time(rec, path, markers.t_s, rr.StateChange.columns(state=states[at, m].tolist()), look, at=at)
 
 
 def class_codes(markers: MarkerTracks) -> NDArray[np.int8]:

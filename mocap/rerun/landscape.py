@@ -1,4 +1,4 @@
-"""The potential of a joint over the part of its plane where the joint was."""
+"""The potential of a joint over its plane and in space, on grids round its samples; its energy (Theorem 3)."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,58 @@ from contourpy import contour_generator
 from scipy.ndimage import map_coordinates
 
 from eal.arrays import Array
+from eal.bounds import theorem3
 from mocap.pipeline.parts import JointPotential
 from mocap.records import JointTracks
-from mocap.rerun.energy import JointEnergy, joint_energy
 
-GRID = 80
+GRID, CUBES = 80, 20
+"""Points along an edge of a grid over the plane, cubes along the longest edge of one in space."""
+STIFFNESS = 20.0
+"""1/eps^2 in units of the greatest kinetic energy: that motion alone could raise V by a twentieth."""
 _MARGIN = 0.2
 MM_PER_M = 1000.0
 RANGE = 0.5
 """The value of the potential at the edge of a joint's range."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointEnergy:
+    """Energy of a joint as a free mass of 1 kg in its plane, held by V_z/eps^2, and how far it could leave the data.
+
+    Attributes:
+        strength: 1/eps^2 in J/kg; 0 where the joint is never known in two frames on end.
+        kinetic: (T,) |dq/dt|^2 / 2 in J/kg; NaN where unknown.
+        potential: (T,) V_z(q) / eps^2 in J/kg.
+        bound: (T,) what V_z stays below if the joint is let go where it is fastest: Theorem 3. Where the recorded V_z
+            is above it, no free joint of the recorded energy would be.
+    """
+
+    strength: float
+    kinetic: Array
+    potential: Array
+    bound: Array
+
+
+def joint_energy(t_s: Array, path_mm: Array, value: Array) -> JointEnergy:
+    """Energy along a path.
+
+    Args:
+        t_s: (T,) times.
+        path_mm: (T, d) the joint over time; NaN where unknown.
+        value: (T,) V_z there.
+    """
+    speed = np.gradient(path_mm, t_s, axis=0) if len(t_s) > 1 else np.full_like(path_mm, np.nan)
+    kinetic = 0.5 * np.square(speed).sum(axis=1) / MM_PER_M**2
+    known = np.flatnonzero(np.isfinite(kinetic) & np.isfinite(value))
+    bound, strength = np.full(len(t_s), np.nan), 0.0
+    if len(known):
+        fastest = known[np.argmax(kinetic[known])]
+        strength = STIFFNESS * float(kinetic[fastest])
+    if strength > 0:
+        bound[:] = theorem3(
+            strength, value0=value[fastest], kinetic0=float(kinetic[fastest]), potential0=0.0, potential_min=0.0
+        )
+    return JointEnergy(strength=strength, kinetic=kinetic, potential=strength * value, bound=bound)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,4 +156,52 @@ def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
         eigenvalues=joint.potential.eigenvalues,
         lam=joint.potential.sigma_lambda,
         effective_rank=joint.potential.effective_rank,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Block:
+    """A potential on a grid of cubes.
+
+    Attributes:
+        corner_mm: (3,) corner of the first cube.
+        cell_mm: Edge of a cube.
+        value: (nz, ny, nx) potential in the middle of each cube.
+        samples_mm: (N, 3) samples that the potential was learned from.
+        path_mm: (T, 3) the joint over time; NaN where unknown.
+    """
+
+    corner_mm: Array
+    cell_mm: float
+    value: Array
+    samples_mm: Array
+    path_mm: Array
+
+    @property
+    def centre_mm(self) -> Array:
+        """(3,) middle of the grid."""
+        return self.corner_mm + 0.5 * self.cell_mm * np.array(self.value.shape[::-1])
+
+    @property
+    def extent_mm(self) -> float:
+        """Longest edge of the grid."""
+        return self.cell_mm * max(self.value.shape)
+
+
+def block(joint: JointPotential, tracks: JointTracks) -> Block:
+    """Sample the potential of a joint round its samples; ``CUBES`` cubes along the longest edge."""
+    low, high = joint.samples_m.min(axis=0), joint.samples_m.max(axis=0)
+    size = float((high - low).max()) * (1 + 2 * _MARGIN)
+    cell = max(size, 1e-4) / CUBES
+    n = np.ceil((high - low) / cell + 2 * _MARGIN * CUBES / (1 + 2 * _MARGIN)).astype(int)
+    corner = (low + high) / 2 - 0.5 * cell * n
+    x, y, z = (corner[k] + cell * (np.arange(n[k]) + 0.5) for k in range(3))
+    points = np.stack(np.meshgrid(z, y, x, indexing="ij")[::-1], axis=-1)
+    value = np.asarray(joint.potential.value(points.reshape(-1, 3) / joint.scale_m)).reshape(n[::-1])
+    return Block(
+        corner_mm=corner * MM_PER_M,
+        cell_mm=cell * MM_PER_M,
+        value=value,
+        samples_mm=joint.samples_m * MM_PER_M,
+        path_mm=tracks.q_m[:, tracks.names.index(joint.joint)] * MM_PER_M,
     )

@@ -10,10 +10,9 @@ from eal.arrays import Array
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity
 from mocap.pipeline.recording import Recording
-from mocap.rerun.landscape import Landscape
+from mocap.rerun.landscape import Block, Landscape
 from mocap.rerun.row_map import rms
 from mocap.rerun.scene import Scene, ViewCamera
-from mocap.rerun.volume import Block
 
 Box = tuple[tuple[float, float], tuple[float, float]]
 """(left, top), (right, bottom)."""

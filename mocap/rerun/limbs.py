@@ -8,7 +8,7 @@ from eal.arrays import Array
 from mocap.filters.records import HeldLimb
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import single, time_columns
+from mocap.rerun.columns import log_over_time, single, ui
 from mocap.rerun.layout import Layout
 from mocap.rerun.over_plane import FLIP, log_moving, log_picture, plane_view
 from mocap.rerun.scene_views import eye, world_view
@@ -25,8 +25,15 @@ def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Each limb's map with its state, and its pulls in the scene."""
     t_s, names = run.t_s, run.names
     for limb in layout.run.limbs:
-        _log_map(rec, paths.limb_map(limb.name), t_s, limb)
-        log_line(rec, f"{paths.limb(limb.name)}/series/value", t_s, limb.at_state, name="V_z", color=palette.ORANGE)
+        _log_map(rec, f"{paths.child(paths.LIMBS, limb.name)}/map", t_s, limb)
+        log_line(
+            rec,
+            f"{paths.child(paths.LIMBS, limb.name)}/series/value",
+            t_s,
+            limb.at_state,
+            name="V_z",
+            color=palette.ORANGE,
+        )
         at = run.xyz_m[:, [names.index(m) for m in limb.markers]]
         _log_pull(rec, limb, t_s, layout.scene.points(at), layout.scene.points(limb.pull), layout.scene.radius_m)
 
@@ -36,7 +43,7 @@ def limb_tab(layout: Layout, limb: HeldLimb) -> rrb.Container:
     return rrb.Horizontal(
         rrb.Vertical(
             map_view(layout, limb),
-            series_view(f"{paths.limb(limb.name)}/series", f"{limb.name}: V_z where the limb was"),
+            series_view(f"{paths.child(paths.LIMBS, limb.name)}/series", f"{limb.name}: V_z where the limb was"),
             row_shares=[3, 1],
         ),
         pull_view(layout, limb),
@@ -47,7 +54,7 @@ def limb_tab(layout: Layout, limb: HeldLimb) -> rrb.Container:
 def map_view(layout: Layout, limb: HeldLimb) -> rrb.View:
     """The potential in its two leading coordinates, from above."""
     title = f"{limb.name}: V_z of the filter, state and {ELLIPSE_SD:g} sd"
-    return plane_view(paths.limb_map(limb.name), title, limb.x, limb.y, layout.trail_frames)
+    return plane_view(f"{paths.child(paths.LIMBS, limb.name)}/map", title, limb.x, limb.y, layout.trail_frames)
 
 
 def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
@@ -56,7 +63,7 @@ def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
     return world_view(
         paths.WORLD,
         f"{limb.name}: pull of V_z on each joint (arrows)",
-        contents=[paths.SKELETON, f"{paths.MARKERS}/**", paths.pull(limb.name)],
+        contents=[paths.SKELETON, f"{paths.MARKERS}/**", paths.child(paths.PULL, limb.name)],
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=eye(scene.centre_m, 1.85 * scene.radius_m, scene.up),
         trail=(paths.TRAILS, layout.trail_frames),
@@ -68,13 +75,10 @@ def _log_map(rec: rr.RecordingStream, path: str, t_s: Array, limb: HeldLimb) -> 
     log_picture(rec, f"{path}/potential", limb.x, limb.y, limb.value)
     way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
     log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
-    look = rr.LineStrips2D.from_fields(
-        colors=palette.WHITE, radii=rr.components.Radius.ui_points(1.25), draw_order=28.0
-    )
-    rec.log(f"{path}/ellipse", look, static=True)
+    look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0)
     known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
     lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * FLIP)))
-    rec.send_columns(f"{path}/ellipse", indexes=time_columns(t_s), columns=lines.partition(known.astype(int)))
+    log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=known)
 
 
 def ellipses(limb: HeldLimb) -> Array:
@@ -88,12 +92,11 @@ def ellipses(limb: HeldLimb) -> Array:
 
 
 def _log_pull(rec: rr.RecordingStream, limb: HeldLimb, t_s: Array, at: Array, pull: Array, radius_m: float) -> None:
-    path = paths.pull(limb.name)
+    path = paths.child(paths.PULL, limb.name)
     length = np.linalg.norm(pull, axis=-1)
     known = np.isfinite(at).all(axis=-1) & np.isfinite(length)
     strongest = float(np.quantile(length[known], 0.99)) if known.any() else 0.0
     scale = REACH * radius_m / strongest if strongest > 0 else 0.0
-    ui = rr.components.Radius.ui_points
-    rec.log(path, rr.Arrows3D.from_fields(colors=palette.VERMILLION, radii=ui(2.0)), static=True)
+    look = rr.Arrows3D.from_fields(colors=palette.VERMILLION, radii=ui(2.0))
     columns = rr.Arrows3D.columns(origins=single(at[known]), vectors=single(scale * pull[known]))
-    rec.send_columns(path, indexes=time_columns(t_s), columns=columns.partition(known.sum(axis=1)))
+    log_over_time(rec, path, t_s, columns, look, counts=known.sum(axis=1))

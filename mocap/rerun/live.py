@@ -1,26 +1,40 @@
-"""Frames to a viewer as they are filtered: the filter never waits for it."""
+"""A recording that is watched while it is filtered: the filter never waits for the viewer."""
 
+import os
 import queue
+import sys
 import threading
 import time
-from collections.abc import Sequence
+import webbrowser
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.filters.live import LiveEstimate
+from mocap.filters.live import LiveEstimate, live, looks
+from mocap.filters.motion.base import MotionModel
+from mocap.pipeline.recording import Recording
+from mocap.pipeline.tracking import Part
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
 from mocap.rerun.log_markers import ellipsoids, log_looks
 from mocap.rerun.log_world import log_world
-from mocap.rerun.scene import Scene
+from mocap.rerun.record import APPLICATION
+from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.scene_views import eye, world_view
 from mocap.rerun.series import series_view
+from mocap.rerun.viewer import Viewer, has_display, open_viewer
 from mocap.sides import side_of
 from mocap.skeleton import Skeleton
 
+LIVE = "mocap-live"
+LAG, EVERY = 8, 8
+"""Frames of hindsight that a frame is shown with, and so many come at once: two smoothing steps a frame."""
 WAITING = 256
 """Frames that wait for the viewer at most; what comes while so many wait is dropped."""
 _PAUSE_S = 0.05
@@ -137,10 +151,8 @@ class LiveView:
         rec.send_columns(paths.TRAILS, indexes=index, columns=steps.partition([xyz.shape[1]] * n))
         with np.errstate(divide="ignore", invalid="ignore"):
             nis = np.array([f.observed.nis / f.observed.n_rows for f in frames])
-        for path, values in (
-            (paths.NIS, nis),
-            (paths.LOG_LIKELIHOOD, np.array([f.observed.log_likelihood for f in frames])),
-        ):
+        likely = np.array([f.observed.log_likelihood for f in frames])
+        for path, values in ((paths.NIS, nis), (paths.LOG_LIKELIHOOD, likely)):
             rec.send_columns(path, indexes=index, columns=rr.Scalars.columns(scalars=values))
 
 
@@ -169,3 +181,62 @@ def _log_line_looks(rec: rr.RecordingStream) -> None:
         (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
     ):
         rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A viewer that shows a recording while it is tracked.
+
+    Attributes:
+        sink: Address that it listens on.
+        tell: Told what was shown, and what was not.
+    """
+
+    sink: str
+    tell: Callable[[str], None]
+
+    def watch(self, prepared: Recording, part: Part, model: MotionModel) -> None:
+        """Filter a recording for the viewer."""
+        scene = scene_of(prepared)
+        rec = rr.RecordingStream(LIVE, recording_id=f"{prepared.name}, live", send_properties=False)
+        rec.set_log_time_enabled(False)
+        rec.connect_grpc(self.sink, default_blueprint=live_blueprint(scene))
+        names = [prepared.names[int(m)] for m in part.markers]
+        observations = prepared.observations(part.frames, part.markers)
+        with LiveView(rec, scene, names=names, skeleton=prepared.skeleton, first=part.frames.start) as view:
+            for estimate in live(model, looks(observations, prepared.t_s[part.frames]), lag=LAG, every=EVERY):
+                view.show(estimate)
+        dropped = f", {view.dropped} dropped because the viewer was slower" if view.dropped else ""
+        trouble = f"; the stream ended early: {view.trouble}" if view.trouble else ""
+        self.tell(f"live: {view.shown} frames shown{dropped}{trouble}")
+
+    def show(self, rrd: Path, recording_id: str) -> None:
+        """Show a whole recording in place of the stream, unless the viewer has been closed."""
+        rec = rr.RecordingStream(APPLICATION, recording_id=recording_id, send_properties=False)
+        rec.connect_grpc(self.sink)
+        rec.log_file_from_path(str(rrd))
+        try:
+            rec.flush(timeout_sec=30)
+        except RuntimeError as error:
+            self.tell(f"live: the whole recording is not shown: the viewer does not answer ({error})")
+        rec.disconnect()
+
+
+@contextmanager
+def session(tell: Callable[[str], None]) -> Iterator[tuple[Session, Viewer]]:
+    """A viewer for a session: a window, or where there is no screen a page for the browser. Closed at the end."""
+    viewer = open_viewer(None, web=not has_display(os.environ, sys.platform))
+    try:
+        if viewer.url:
+            tell(viewer.url)
+            webbrowser.open(viewer.url)
+        yield Session(viewer.sink, tell), viewer
+    finally:
+        viewer.close()
+
+
+def scene_of(prepared: Recording) -> Scene:
+    """The scene of a recording that is not tracked yet."""
+    y_up = prepared.rows is not None and prepared.rows.coefficients == "lower-left"
+    uv = prepared.ideal_px if prepared.cameras else None
+    return make_scene(prepared.cameras, xyz_m=prepared.xyz_m, uv_px=uv, y_up=y_up)

@@ -8,7 +8,8 @@ import rerun.blueprint as rrb
 
 from eal import Comparison
 from mocap.rerun import palette
-from mocap.rerun.stream import recording_into
+from mocap.rerun.blueprint import screen
+from mocap.rerun.columns import recording_into
 
 ANGLE = "degrees"
 """The axis that takes the place of time: whole degrees."""
@@ -52,11 +53,4 @@ def _blueprint(found: Comparison) -> rrb.Blueprint:
         rrb.TimeSeriesView(origin=DIFFERENCE, name=f"a minus b, {100 * found.level:.0f} % band everywhere at once"),
         rrb.TextDocumentView(origin="/text", name="verdict"),
     )
-    return rrb.Blueprint(
-        rrb.Vertical(*views, row_shares=[2, 2, 1]),
-        rrb.TimePanel(state=rrb.PanelState.Collapsed, timeline=ANGLE),
-        rrb.SelectionPanel(state=rrb.PanelState.Hidden),
-        rrb.BlueprintPanel(state=rrb.PanelState.Hidden),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return screen(rrb.Vertical(*views, row_shares=[2, 2, 1]), play_state=None, timeline=ANGLE)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from eal.arrays import Array
 from mocap.records import MarkerTracks, Status
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import changing, segments, single, time_columns
+from mocap.rerun.columns import log_over_time, segments, single, ui
 from mocap.rerun.log_world import BODY_CLASS, SAMPLE_CLASS
 from mocap.rerun.scene import Scene
 from mocap.sides import side_of
@@ -35,7 +35,6 @@ def classes(markers: MarkerTracks) -> Mapping[str, NDArray[np.bool_]]:
 
 def log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
     """How the body, samples of each class, their uncertainty and trails look; none of it changes."""
-    ui = rr.components.Radius.ui_points
     body = rr.Points3D.from_fields(
         radii=ui(1.5),
         class_ids=BODY_CLASS,
@@ -62,14 +61,13 @@ def log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
 def log_markers(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks) -> None:
     """The body (all markers and bones, whatever their origin), and over it the samples of each class."""
     xyz = single(scene.points(markers.xyz_m))
-    index = time_columns(markers.t_s)
-    rec.send_columns(paths.SKELETON, indexes=index, columns=rr.Points3D.columns(positions=xyz))
+    log_over_time(rec, paths.SKELETON, markers.t_s, rr.Points3D.columns(positions=xyz))
     for name, mask in classes(markers).items():
-        path = paths.child(paths.MARKERS, name)
-        counts, ids = mask.sum(axis=1), np.nonzero(mask)[1]
-        at = changing(counts)
-        columns = rr.Points3D.columns(positions=xyz[mask], keypoint_ids=ids).partition(counts[at])
-        rec.send_columns(path, indexes=time_columns(markers.t_s, at=at), columns=columns)
+        path, columns = (
+            paths.child(paths.MARKERS, name),
+            rr.Points3D.columns(positions=xyz[mask], keypoint_ids=np.nonzero(mask)[1]),
+        )
+        log_over_time(rec, path, markers.t_s, columns, counts=mask.sum(axis=1), rare=True)
 
 
 def log_uncertainty(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks) -> None:
@@ -77,15 +75,13 @@ def log_uncertainty(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks
     known = np.isfinite(markers.cov_m2).all(axis=(-2, -1))
     for name, mask in classes(markers).items():
         path, mask = paths.child(paths.UNCERTAINTY, name), mask & known
-        counts = mask.sum(axis=1)
-        at = changing(counts)
         half_sizes, quaternions = ellipsoids(markers.cov_m2[mask] * np.outer(scene.signs, scene.signs))
         columns = rr.Ellipsoids3D.columns(
             centers=single(scene.points(markers.xyz_m[mask])),
             half_sizes=single(half_sizes),
             quaternions=single(quaternions),
-        ).partition(counts[at])
-        rec.send_columns(path, indexes=time_columns(markers.t_s, at=at), columns=columns)
+        )
+        log_over_time(rec, path, markers.t_s, columns, counts=mask.sum(axis=1), rare=True)
 
 
 def ellipsoids(cov_m2: Array) -> tuple[Array, Array]:
@@ -115,28 +111,20 @@ def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, 
     """
     xyz = scene.points(markers.xyz_m)
     ever = np.asarray(markers.seen.any(axis=0))
-    columns = [m for m, name in enumerate(markers.names) if ever[m] and (name in trunk or not trunk)]
-    whole = np.flatnonzero(markers.seen[:, columns].all(axis=1) & bool(columns))
-    path = xyz[whole][:, columns].mean(axis=1) if len(whole) else np.empty((0, 3))
-    line = rr.LineStrips3D([single(path)], colors=palette.WHITE, radii=rr.components.Radius.ui_points(0.5))
+    body = [m for m, name in enumerate(markers.names) if ever[m] and (name in trunk or not trunk)]
+    whole = np.flatnonzero(markers.seen[:, body].all(axis=1) & bool(body))
+    path = xyz[whole][:, body].mean(axis=1) if len(whole) else np.empty((0, 3))
+    line = rr.LineStrips3D([single(path)], colors=palette.WHITE, radii=ui(0.5))
     rec.log(paths.PATH, line, static=True)
     # what an eye follows: its viewer keeps as far away as the size of that asks for, and a wing's beat would shake it
     corners = np.array([-1.0, 1.0])[:, None] * scene.body_m / np.sqrt(3)
-    look = rr.Points3D.from_fields(colors=(0, 0, 0, 0), radii=rr.components.Radius.ui_points(0.0), show_labels=False)
-    rec.log(paths.FRAMED, look, static=True)
+    look = rr.Points3D.from_fields(colors=(0, 0, 0, 0), radii=ui(0.0), show_labels=False)
     boxes = rr.Points3D.columns(positions=single((path[:, None] + corners).reshape(-1, 3)))
-    rec.send_columns(
-        paths.FRAMED, indexes=time_columns(markers.t_s, at=whole), columns=boxes.partition(np.full(len(whole), 2))
-    )
+    log_over_time(rec, paths.FRAMED, markers.t_s, boxes, look, counts=np.full(len(whole), 2), at=whole)
     if len(xyz) < 2:
         return
     there = markers.seen[1:] & markers.seen[:-1]
     colors = np.array([palette.TRAIL[side_of(name)] for name in markers.names], dtype=np.uint8)
     strips = segments(xyz[:-1][there], xyz[1:][there])
-    rec.send_columns(
-        paths.TRAILS,
-        indexes=time_columns(markers.t_s, at=np.arange(1, len(xyz))),
-        columns=rr.LineStrips3D.columns(strips=strips, colors=colors[np.nonzero(there)[1]]).partition(
-            there.sum(axis=1)
-        ),
-    )
+    columns = rr.LineStrips3D.columns(strips=strips, colors=colors[np.nonzero(there)[1]])
+    log_over_time(rec, paths.TRAILS, markers.t_s, columns, counts=there.sum(axis=1), at=np.arange(1, len(xyz)))

@@ -11,16 +11,16 @@ from eal.joint_design import member_forces
 from mocap.joint_design.design import JointDesign
 from mocap.rerun import palette
 from mocap.rerun.blueprint import screen
-from mocap.rerun.columns import segments, single, time_columns
+from mocap.rerun.columns import log_over_time, recording_into, segments, single, ui
 from mocap.rerun.landscape import MM_PER_M
 from mocap.rerun.over_plane import log_surface
 from mocap.rerun.series import log_line
-from mocap.rerun.stream import recording_into
 
 APPLICATION = "mocap"
 V, U, TRUSS, ENERGY = "/potential", "/energy", "/truss", "/along"
 _HEIGHT = 0.6
 """How high a value of 1 is drawn, over the grid's width."""
+_MOVING = rr.Points3D.from_fields(colors=palette.VERMILLION, radii=ui(7.0))
 
 
 def write_truss_recording(design: JointDesign, path: Path) -> None:
@@ -54,12 +54,10 @@ def _log_surface(rec: rr.RecordingStream, path: str, design: JointDesign, value:
     log_surface(rec, f"{path}/surface", x, y, value.reshape(design.target.shape).T, height)
     samples = design.source.potential.samples * unit
     on = single(np.column_stack([samples, np.full(len(samples), 0.01 * height)]))
-    ui = rr.components.Radius.ui_points
     rec.log(f"{path}/samples", rr.Points3D(on, colors=palette.WHITE, radii=ui(1.5)), static=True)
     way = np.column_stack([design.way.states.q_m * unit, height * (along + 0.02)])
-    rec.log(f"{path}/now", rr.Points3D.from_fields(colors=palette.VERMILLION, radii=ui(7.0)), static=True)
-    columns = rr.Points3D.columns(positions=single(way)).partition(np.ones(len(way), dtype=int))
-    rec.send_columns(f"{path}/now", indexes=time_columns(design.source.t_s), columns=columns)
+    columns = rr.Points3D.columns(positions=single(way))
+    log_over_time(rec, f"{path}/now", design.source.t_s, columns, _MOVING, counts=np.ones(len(way)))
 
 
 def _log_members(rec: rr.RecordingStream, design: JointDesign) -> None:
@@ -71,22 +69,20 @@ def _log_members(rec: rr.RecordingStream, design: JointDesign) -> None:
     nodes = np.concatenate([nodes, np.zeros((*nodes.shape[:2], 3 - truss.dimension))], axis=2)
     samples = design.source.potential.samples * unit
     samples = np.column_stack([samples, np.zeros((len(samples), 3 - truss.dimension))])
-    ui = rr.components.Radius.ui_points
     rec.log(TRUSS, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     rec.log(f"{TRUSS}/samples", rr.Points3D(single(samples), colors=palette.GREY, radii=ui(1.5)), static=True)
     posts = rr.Points3D(single(nodes[0, : truss.moving]), colors=palette.WHITE, radii=ui(5.0))
     rec.log(f"{TRUSS}/posts", posts, static=True)
     rec.log(f"{TRUSS}/joint", rr.Points3D([[0, 0, 0]], colors=palette.YELLOW, radii=ui(5.0)), static=True)
-    rec.log(f"{TRUSS}/moving", rr.Points3D.from_fields(colors=palette.VERMILLION, radii=ui(7.0)), static=True)
-    rec.log(f"{TRUSS}/members", rr.LineStrips3D.from_fields(radii=ui(2.5)), static=True)
-    index = time_columns(design.source.t_s)
-    moving = nodes[:, truss.moving :]
-    columns = rr.Points3D.columns(positions=single(moving.reshape(-1, 3))).partition(np.full(n, moving.shape[1]))
-    rec.send_columns(f"{TRUSS}/moving", indexes=index, columns=columns)
+    t_s, moving = design.source.t_s, nodes[:, truss.moving :]
+    columns = rr.Points3D.columns(positions=single(moving.reshape(-1, 3)))
+    log_over_time(rec, f"{TRUSS}/moving", t_s, columns, _MOVING, counts=np.full(n, moving.shape[1]))
     strips = segments(nodes[:, truss.ends[:, 0]].reshape(-1, 3), nodes[:, truss.ends[:, 1]].reshape(-1, 3))
     colours = _colours(design).reshape(-1, 3)
-    columns = rr.LineStrips3D.columns(strips=strips, colors=colours).partition(np.full(n, m))
-    rec.send_columns(f"{TRUSS}/members", indexes=index, columns=columns)
+    columns = rr.LineStrips3D.columns(strips=strips, colors=colours)
+    log_over_time(
+        rec, f"{TRUSS}/members", t_s, columns, rr.LineStrips3D.from_fields(radii=ui(2.5)), counts=np.full(n, m)
+    )
 
 
 def _colours(design: JointDesign) -> np.ndarray:
@@ -107,15 +103,12 @@ def _log_energies(rec: rr.RecordingStream, design: JointDesign) -> None:
 
 def _blueprint(design: JointDesign, planar: bool) -> rrb.Blueprint:
     name = design.source.name
-    truss = rrb.Spatial3DView(
-        origin=TRUSS, name=f"{name}: the truss over the recorded motion", background=palette.GROUND
-    )
+    titles = {TRUSS: f"{name}: the truss over the recorded motion", V: f"{name}: potential V_z"}
+    titles[U] = "strain energy U, cut at 1"
+    views = {
+        path: rrb.Spatial3DView(origin=path, name=title, background=palette.GROUND) for path, title in titles.items()
+    }
     along = rrb.TimeSeriesView(origin=ENERGY, name="V_z and U along the motion")
-    rows: list[rrb.Container | rrb.View] = [rrb.Horizontal(truss, along)]
-    if planar:
-        surfaces = (
-            rrb.Spatial3DView(origin=V, name=f"{name}: potential V_z", background=palette.GROUND),
-            rrb.Spatial3DView(origin=U, name="strain energy U, cut at 1", background=palette.GROUND),
-        )
-        rows.insert(0, rrb.Horizontal(*surfaces))
+    rows = [rrb.Horizontal(views[V], views[U])] if planar else []
+    rows.append(rrb.Horizontal(views[TRUSS], along))
     return screen(rrb.Vertical(*rows, name=name))

@@ -14,7 +14,7 @@ from mocap.io.film import pyav
 from mocap.io.movies import FIRST_PIXEL, Movie, straightened, straightening
 from mocap.pipeline.parts import Footage
 from mocap.rerun import paths
-from mocap.rerun.columns import time_columns
+from mocap.rerun.columns import log_over_time
 from mocap.rerun.scene import ViewCamera
 
 if TYPE_CHECKING:
@@ -52,13 +52,12 @@ def log_video(rec: rr.RecordingStream, view: ViewCamera, camera: Camera, footage
         rec.log(path, asset, static=True)
         there = footage.there & (footage.frames < len(stamps))
         columns = rr.VideoFrameReference.columns(timestamp=stamps[footage.frames[there]])
-        rec.send_columns(path, indexes=time_columns(t_s), columns=columns.partition(there.astype(int)))
-        rec.log(path, rr.VideoFrameReference.from_fields(draw_order=-20.0), static=True)
+        log_over_time(rec, path, t_s, columns, rr.VideoFrameReference.from_fields(draw_order=-20.0), counts=there)
         return
-    rec.log(path, rr.VideoStream.from_fields(codec=rr.VideoCodec.AV1, draw_order=-20.0), static=True)
     pictures = _pictures(footage, camera, shown_px, mirrored=bool(view.pixel_signs[0] < 0))
     samples = [bytes(packet) for packet in av1(pictures, shown_px)]
-    rec.send_columns(path, indexes=time_columns(t_s), columns=rr.VideoStream.columns(sample=samples))
+    look = rr.VideoStream.from_fields(codec=rr.VideoCodec.AV1, draw_order=-20.0)
+    log_over_time(rec, path, t_s, rr.VideoStream.columns(sample=samples), look)
 
 
 def coded_size(size_px: tuple[int, int]) -> tuple[int, int]:

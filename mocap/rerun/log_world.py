@@ -5,7 +5,7 @@ import rerun as rr
 
 from mocap.filters.anatomy import ends_among
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import names_of, single
+from mocap.rerun.columns import single
 from mocap.rerun.scene import Scene
 from mocap.skeleton import Skeleton
 
@@ -25,24 +25,17 @@ _UP = {
 
 
 def log_world(rec: rr.RecordingStream, scene: Scene, *, names: tuple[str, ...], skeleton: Skeleton) -> None:
-    """Directions, marker names and bones.
-
-    Args:
-        rec: Where to.
-        scene: The scene.
-        names: The M marker names; keypoint m of every entity is ``names[m]``.
-        skeleton: Bones whose markers the recording lacks are left out.
-    """
+    """Directions, marker names and bones."""
     axis = int(np.argmax(np.abs(scene.up)))
     rec.log(paths.WORLD, _UP[axis, int(scene.up[axis])], static=True)
+    points = [rr.AnnotationInfo(id=i, label=name) for i, name in enumerate(names)]
     body = rr.ClassDescription(
         info=rr.AnnotationInfo(id=BODY_CLASS, label=skeleton.name, color=palette.GREY),
-        keypoint_annotations=names_of(names),
+        keypoint_annotations=points,
         keypoint_connections=ends_among(names, [(bone.a, bone.b) for bone in skeleton.bones]),
     )
-    samples = rr.ClassDescription(
-        info=rr.AnnotationInfo(id=SAMPLE_CLASS, label="sample"), keypoint_annotations=names_of(names)
-    )
+    sample = rr.AnnotationInfo(id=SAMPLE_CLASS, label="sample")
+    samples = rr.ClassDescription(info=sample, keypoint_annotations=points)
     rec.log("/", rr.AnnotationContext([body, samples]), static=True)
 
 
@@ -50,13 +43,8 @@ def log_axes(rec: rr.RecordingStream, scene: Scene) -> None:
     """Arrows along the world's axes on the ground under the motion, as long as their labels say: the scale."""
     length_m = grid_spacing_m(2 * scene.radius_m)
     foot = scene.centre_m + (scene.ground_m - scene.centre_m @ scene.up) * scene.up
-    size = (
-        f"{length_m:g} m"
-        if length_m >= 1
-        else f"{100 * length_m:g} cm"
-        if length_m >= 0.01
-        else f"{1e3 * length_m:g} mm"
-    )
+    unit, per_m = next((unit, n) for unit, n in (("m", 1), ("cm", 100), ("mm", 1000)) if n * length_m >= 1 or n == 1000)
+    size = f"{per_m * length_m:g} {unit}"
     arrows = rr.Arrows3D(
         origins=single(np.tile(foot, (3, 1))),
         vectors=single(length_m * np.diag(scene.signs)),

@@ -7,23 +7,17 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.rerun import palette
-from mocap.rerun.columns import segments, single, time_columns
+from mocap.rerun.columns import log_over_time, segments, single, ui
 from mocap.rerun.scene_views import last_frames
 
 FLIP = np.array([1.0, -1.0])
 """Up in a picture is up in the second coordinate, hence a view's second coordinate is its negative."""
+_ORDERS = {"samples": 10.0, "limb": 18.0, "trail": 20.0, "now": 30.0}
+"""In a picture the higher is drawn over the lower."""
 
 
 def plane_view(path: str, name: str, x: Array, y: Array, trail_frames: int) -> rrb.View:
-    """The view of a potential from above, with the trail of what moves over it.
-
-    Args:
-        path: Parent of the entities.
-        name: Title.
-        x: First coordinates of the grid.
-        y: Second coordinates.
-        trail_frames: Length of the trail.
-    """
+    """The view of a potential, over a grid of coordinates, from above, with the trail of what moves over it."""
     return rrb.Spatial2DView(
         origin=path,
         name=name,
@@ -84,28 +78,19 @@ def log_moving(
     """
     flat = way.shape[1] == 2
     points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
-    ui = rr.components.Radius.ui_points
     rec.log(f"{path}/samples", points(single(samples), colors=dots, radii=ui(1.25)), static=True)
     rec.log(f"{path}/now", points.from_fields(colors=palette.VERMILLION, radii=ui(ball_radius)), static=True)
     rec.log(f"{path}/trail", strips.from_fields(colors=trail, radii=ui(1.5)), static=True)
-    if flat:
-        rec.log(f"{path}/samples", rr.Points2D.from_fields(draw_order=10.0), static=True)
-        rec.log(f"{path}/trail", rr.LineStrips2D.from_fields(draw_order=20.0), static=True)
-        rec.log(f"{path}/now", rr.Points2D.from_fields(draw_order=30.0), static=True)
-    ones = np.ones(len(way), dtype=int)
-    columns = points.columns(positions=single(way)).partition(ones)
-    rec.send_columns(f"{path}/now", indexes=time_columns(t_s), columns=columns)
     if limb_radius:
         rec.log(f"{path}/limb", strips.from_fields(colors=palette.GREY, radii=ui(limb_radius)), static=True)
-        if flat:
-            rec.log(f"{path}/limb", rr.LineStrips2D.from_fields(draw_order=18.0), static=True)
-        limb = strips.columns(strips=segments(np.zeros_like(way), way)).partition(ones)
-        rec.send_columns(f"{path}/limb", indexes=time_columns(t_s), columns=limb)
+        limb = strips.columns(strips=segments(np.zeros_like(way), way))
+        log_over_time(rec, f"{path}/limb", t_s, limb, counts=np.ones(len(way)))
+    for part, order in _ORDERS.items() if flat else ():
+        if part != "limb" or limb_radius:
+            look = (rr.Points2D if part in ("samples", "now") else rr.LineStrips2D).from_fields(draw_order=order)
+            rec.log(f"{path}/{part}", look, static=True)
+    log_over_time(rec, f"{path}/now", t_s, points.columns(positions=single(way)), counts=np.ones(len(way)))
     if len(way) > 1:
         there = np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1)
-        steps = segments(way[:-1][there], way[1:][there])
-        rec.send_columns(
-            f"{path}/trail",
-            indexes=time_columns(t_s, at=np.arange(1, len(way))),
-            columns=strips.columns(strips=steps).partition(there.astype(int)),
-        )
+        steps = strips.columns(strips=segments(way[:-1][there], way[1:][there]))
+        log_over_time(rec, f"{path}/trail", t_s, steps, counts=there, at=np.arange(1, len(way)))

@@ -41,44 +41,14 @@ def child(parent: str, name: str) -> str:
     return f"{parent}/{escape_entity_path_part(name)}"
 
 
-def camera(name: str) -> str:
-    """Pose of a camera."""
-    return child(CAMERAS, name)
-
-
 def image(name: str) -> str:
-    """Image plane of a camera; what lies below it is in its pixels."""
-    return f"{camera(name)}/image"
+    """Image plane of a camera, below its pose; what lies below it is in its pixels."""
+    return f"{child(CAMERAS, name)}/image"
 
 
-def joint(name: str) -> str:
-    """All about one joint."""
-    return child(JOINTS, name)
-
-
-def surface(name: str) -> str:
-    """Potential of a joint as a surface over its plane."""
-    return f"{joint(name)}/surface"
-
-
-def heat_map(name: str) -> str:
-    """Potential of a joint seen from above."""
-    return f"{joint(name)}/map"
-
-
-def volume(name: str) -> str:
-    """Potential of a joint in the three coordinates of the body."""
-    return f"{joint(name)}/volume"
-
-
-def spectrum(name: str) -> str:
-    """Eigenvalues behind the potential of a joint."""
-    return f"{joint(name)}/spectrum"
-
-
-def joint_series(name: str) -> str:
-    """What a joint does over time."""
-    return f"{joint(name)}/series"
+def joint(name: str, part: str) -> str:
+    """Of a joint its potential as a ``surface``, from above (``map``), as a ``volume``; ``spectrum``, ``series``."""
+    return f"{child(JOINTS, name)}/{part}"
 
 
 def quantity(group: str, name: str) -> str:
@@ -89,21 +59,6 @@ def quantity(group: str, name: str) -> str:
 def cycles(kind: str, of: str) -> str:
     """The cycles of one limb."""
     return child(CYCLES, f"{of}_{kind}")
-
-
-def limb(name: str) -> str:
-    """All about one limb."""
-    return child(LIMBS, name)
-
-
-def limb_map(name: str) -> str:
-    """Potential of a limb in its two leading coordinates."""
-    return f"{limb(name)}/map"
-
-
-def pull(name: str) -> str:
-    """What the potential of a limb pulls at, in the scene."""
-    return child(PULL, name)
 
 
 def run(number: int) -> str:

@@ -1,6 +1,5 @@
 """Positions of markers while they are digitised: points, bones, uncertainty, cameras; and a viewer to look at them."""
 
-import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -9,17 +8,15 @@ import numpy as np
 import rerun as rr
 
 from mocap.cameras.camera import Camera
-from mocap.errors import MocapError
 from mocap.records import MarkerTracks
 from mocap.rerun import paths
 from mocap.rerun.blueprint import screen
-from mocap.rerun.columns import numbered_from, single
+from mocap.rerun.columns import recording_into, single, ui
 from mocap.rerun.log_markers import log_looks, log_markers, log_uncertainty
 from mocap.rerun.log_world import log_axes, log_world
 from mocap.rerun.scene import make_scene
 from mocap.rerun.scene_views import eye, world_view
-from mocap.rerun.share import fetched_viewer
-from mocap.rerun.stream import recording_into
+from mocap.rerun.share import QUERY, changed_page, fetched_viewer
 from mocap.skeleton import Skeleton
 
 _RAY = 0.15
@@ -34,12 +31,6 @@ _SCRIPT = """<script>
 def write_points(markers: MarkerTracks, cameras: Sequence[Camera], skeleton: Skeleton, path: Path) -> None:
     """Write positions with their 95 % ellipsoids, and where the cameras stand, for rerun's viewer.
 
-    Args:
-        markers: Positions.
-        cameras: Of the films.
-        skeleton: Bones.
-        path: The ``.rrd`` to write; its folder exists.
-
     Raises:
         RecordingError: rerun does not take it.
     """
@@ -52,10 +43,7 @@ def write_points(markers: MarkerTracks, cameras: Sequence[Camera], skeleton: Ske
         look=eye(scene.centre_m, 1.75 * scene.radius_m, scene.up),
         trail=(paths.TRAILS, 1),
     )
-    with (
-        recording_into(path, application="mocap-digitise", recording_id="points", blueprint=screen(view)) as rec,
-        numbered_from(1),
-    ):
+    with recording_into(path, application="mocap-digitise", recording_id="points", blueprint=screen(view)) as rec:
         log_world(rec, scene, names=markers.names, skeleton=skeleton)
         log_axes(rec, scene)
         log_looks(rec, len(markers.names))
@@ -67,7 +55,7 @@ def write_points(markers: MarkerTracks, cameras: Sequence[Camera], skeleton: Ske
             origins=single(eyes),
             vectors=single(_RAY * ahead * np.linalg.norm(eyes - scene.centre_m, axis=1)[:, None]),
             labels=[camera.name for camera in scene.cameras],
-            radii=rr.components.Radius.ui_points(2.0),
+            radii=ui(2.0),
         )
         rec.log(paths.CAMERAS, arrows, static=True)
 
@@ -76,21 +64,14 @@ def write_points(markers: MarkerTracks, cameras: Sequence[Camera], skeleton: Ske
 def viewer_files(recording: str) -> dict[str, bytes]:
     """Files of the installed rerun's web viewer by name, whose page shows a recording and asks no other host.
 
-    Args:
-        recording: Address of the recording, from that of the page.
-
     Raises:
         MocapError: the viewer does not start, or is of a version whose page is not known.
     """
     page, script, wasm = fetched_viewer()
-    query, head = "new URLSearchParams(window.location.search)", "<html>"
-    text = page.decode("utf-8")
-    if text.count(query) != 1 or text.count(head) != 1:
-        raise MocapError("the page of this rerun is not known: run `pip install --force-reinstall eal-mocap`")
-    text = re.sub(r"<link[^>]*>", "", text).replace(head, head + _SCRIPT)
-    text = text.replace(
-        query,
-        f'new URLSearchParams("theme=dark&hide_welcome_screen&" + location.search.slice(1) + "&url=" + '
-        f'encodeURIComponent(new URL("{recording}", location)))',
-    ).replace("enable_history: true", "enable_history: false")
-    return {"": text.encode("utf-8"), "re_viewer.js": script, "re_viewer_bg.wasm": wasm}
+    address = f'"&url=" + encodeURIComponent(new URL("{recording}", location))'
+    parts = {
+        "<html>": f"<html>{_SCRIPT}",
+        QUERY: f'new URLSearchParams("theme=dark&hide_welcome_screen&" + location.search.slice(1) + {address})',
+        "enable_history: true": "enable_history: false",
+    }
+    return {"": changed_page(page, parts).encode(), "re_viewer.js": script, "re_viewer_bg.wasm": wasm}

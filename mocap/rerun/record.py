@@ -9,15 +9,12 @@ import rerun.blueprint as rrb
 from mocap.kinematics.cycles import cycles
 from mocap.pipeline.recording import Recording
 from mocap.rerun.blueprint import screen
-from mocap.rerun.columns import numbered_from
-from mocap.rerun.cut import known_part
-from mocap.rerun.landscape import landscape
+from mocap.rerun.columns import numbered_from, recording_into
+from mocap.rerun.landscape import block, landscape
 from mocap.rerun.layout import Layout, joint_frames
 from mocap.rerun.scene import Scene, make_scene
-from mocap.rerun.stream import recording_into
 from mocap.rerun.tabs.angles import chosen
 from mocap.rerun.tabs.registry import TABS
-from mocap.rerun.volume import block
 
 APPLICATION = "mocap"
 
@@ -26,18 +23,14 @@ def write_recording(run: Recording, path: Path, *, first: int = 1, every: int = 
     """Write all views of a run to a file.
 
     Frames before the first and after the last position of any marker are left out: there is nothing to see in them.
-
-    Args:
-        run: The run.
-        path: The ``.rrd`` to write; its folder exists.
-        first: Number of the run's first frame.
-        every: Frames from one of the run's to the next, where it is an overview of a longer one.
+    They are numbered from ``first``, in steps of ``every``: an overview of a longer run has every so manieth frame.
 
     Raises:
         RecordingError: rerun does not take it.
         OSError: the file cannot be written there.
     """
-    shown = known_part(run)
+    known = np.flatnonzero(run.tracks.seen.any(axis=1))
+    shown = slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, len(run.t_s))
     part = run if shown == slice(0, len(run.t_s)) else run.at(shown)
     layout = make_layout(part)
     with (

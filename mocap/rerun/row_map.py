@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from eal.arrays import Array
 from mocap.rerun import palette
-from mocap.rerun.columns import segments, time_columns
+from mocap.rerun.columns import log_over_time, segments, ui
 
 SIZE, WIDE = (110.0, 100.0), (320.0, 100.0)
 """Width and height of a map, in units of its view: all frames across, all rows down."""
@@ -65,12 +65,9 @@ def log_row_map(
     n_frames = len(t_s)
     x = (np.arange(n_frames) + 0.5) * width / n_frames
     lines = segments(np.column_stack([x, np.zeros(n_frames)]), np.column_stack([x, np.full(n_frames, height)]))
-    look = rr.LineStrips2D.from_fields(
-        colors=palette.WHITE, radii=rr.components.Radius.ui_points(1.0), draw_order=20.0, show_labels=False
-    )
-    rec.log(f"{path}/now", look, static=True)
-    columns = rr.LineStrips2D.columns(strips=lines).partition(np.ones(n_frames, dtype=int))
-    rec.send_columns(f"{path}/now", indexes=time_columns(t_s), columns=columns)
+    look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.0), draw_order=20.0, show_labels=False)
+    columns = rr.LineStrips2D.columns(strips=lines)
+    log_over_time(rec, f"{path}/now", t_s, columns, look, counts=np.ones(n_frames))
 
 
 def _picture_of_names(names: tuple[str, ...], *, pitch_px: float, width_px: int) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from eal.arrays import Array
 from mocap.rerun import palette
-from mocap.rerun.columns import time_columns
+from mocap.rerun.columns import log_over_time
 
 
 def log_line(
@@ -33,8 +33,8 @@ def log_line(
     n_lines = 1 if values.ndim == 1 else values.shape[1]
     colors = [color] * n_lines if isinstance(color[0], int) else list(color)
     names = [name] if isinstance(name, str) else list(name)
-    rec.log(path, rr.SeriesLines(names=names, colors=colors, widths=[1.5] * n_lines), static=True)
-    rec.send_columns(path, indexes=time_columns(t_s), columns=rr.Scalars.columns(scalars=values))
+    look = rr.SeriesLines(names=names, colors=colors, widths=[1.5] * n_lines)
+    log_over_time(rec, path, t_s, rr.Scalars.columns(scalars=values), look)
 
 
 def series_view(origin: str, name: str, *, y_range: tuple[float, float] | None = None, legend: bool = True) -> rrb.View:
@@ -51,9 +51,6 @@ def series_view(origin: str, name: str, *, y_range: tuple[float, float] | None =
 
 def robust_range(values: Array) -> tuple[float, float] | None:
     """Ends of an axis that shows all but the outermost values, so that one outlier does not flatten the rest.
-
-    Args:
-        values: Any shape; NaN does not count.
 
     Returns:
         Lower and upper end; None where there is no value.

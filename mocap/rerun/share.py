@@ -5,7 +5,7 @@ import gzip
 import html
 import re
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,7 +19,7 @@ LARGEST_MB = 350.0
 """Browsers hold no text of more than half a gigabyte: so many megabytes of recording, compressed, are the most."""
 _SCRIPT, _WASM = "re_viewer.js", "re_viewer_bg.wasm"
 _POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:; connect-src 'none'"
-_QUERY, _OPTIONS = "new URLSearchParams(window.location.search)", "url=http%3A%2F%2Fheld%2Frecording.rrd&theme=dark"
+QUERY, _OPTIONS = "new URLSearchParams(window.location.search)", "url=http%3A%2F%2Fheld%2Frecording.rrd&theme=dark"
 _LEGEND = (
     "measured blue, filled yellow, rejected red; ellipsoids and bands: 95 % intervals. Space plays, dragging turns, "
     "the wheel zooms, each tab is another view"
@@ -52,10 +52,6 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
     the recording compressed, as text, and answers itself what the viewer asks for. It asks no host, and is forbidden to
     by a policy, too: the viewer would send statistics of use.
 
-    Args:
-        runs: Folders of runs, or their recordings.
-        folder: Where to, as ``mocap.io.output.result_folder`` gives it.
-
     Raises:
         MocapError: a run has no recording, or the viewer does not start.
         OutputError: the recording is too large for a page.
@@ -78,7 +74,7 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
         + _held(_WASM, wasm)
         + _FETCH
         + f"<script>{script.decode('utf-8')}</script>",
-        _QUERY: f'new URLSearchParams("{_OPTIONS}&hide_welcome_screen&" + window.location.search.slice(1))',
+        QUERY: f'new URLSearchParams("{_OPTIONS}&hide_welcome_screen&" + window.location.search.slice(1))',
         "enable_history: true": "enable_history: false",
         "<html>": f'<html>\n  <meta http-equiv="Content-Security-Policy" content="{_POLICY}" />',
         "<title>Rerun Viewer</title>": f"<title>{title}</title>{_STYLE}",
@@ -86,12 +82,24 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
         '<div class="centered hidden" id="center_text">': _WAITS,
         "Loading Application Bundle…": _WAIT,
     }
-    shown = re.sub(r"<link[^>]*>", "", text.decode("utf-8"))
+    (folder / PAGE).write_text(changed_page(text, parts), encoding="utf-8")
+
+
+def changed_page(page: bytes, parts: Mapping[str, str]) -> str:
+    """The viewer's page without links to other files, and with these parts, each once in it, in place of others.
+
+    Raises:
+        OutputError: it is of a version whose page is not known.
+    """
+    shown = re.sub(r"<link[^>]*>", "", page.decode("utf-8"))
     for known, ours in parts.items():
         if shown.count(known) != 1:
-            raise OutputError(f"the page of this version of rerun is not known here: {known!r} is not once in it")
+            raise OutputError(
+                f"the page of this version of rerun is not known here: {known!r} is not once in it: run `pip install "
+                "--force-reinstall eal-mocap`"
+            )
         shown = shown.replace(known, ours)
-    (folder / PAGE).write_text(shown, encoding="utf-8")
+    return shown
 
 
 def fetched_viewer() -> tuple[bytes, bytes, bytes]:

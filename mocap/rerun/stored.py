@@ -70,10 +70,6 @@ class Stored:
 def read_recording(path: Path, *, name: str) -> Stored:
     """Read a recording.
 
-    Args:
-        path: The ``.rrd``, or the folder of a run.
-        name: What to call it.
-
     Raises:
         StoredError: there is none, or another program wrote it.
     """

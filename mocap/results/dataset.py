@@ -24,9 +24,6 @@ def markers_dataset(run: Recording) -> xr.Dataset:
       its attributes ``flag_values`` and ``flag_meanings`` name the codes (CF conventions);
     - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file, 2 where a
       person corrected it (``edited`` in tables).
-
-    Args:
-        run: A recording that was tracked.
     """
     markers, t_s = run.tracks, run.t_s
     fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0
@@ -65,3 +62,13 @@ def markers_dataset(run: Recording) -> xr.Dataset:
             "motion_model": run.model,
         },
     )
+
+
+def plane_dataset(run: Recording) -> xr.Dataset:
+    """As ``markers_dataset``, in x and y, in the unit of the plane."""
+    assert run.plane is not None
+    unit, factor = run.plane.unit, run.plane.per_m
+    found = markers_dataset(run).sel(space=["x", "y"], space_to=["x", "y"])
+    found["position"] = (factor * found["position"]).assign_attrs(units=unit)
+    found["covariance"] = (factor**2 * found["covariance"]).assign_attrs(units=f"{unit}2")
+    return found.assign_attrs(space_unit=unit)

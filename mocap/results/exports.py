@@ -1,4 +1,4 @@
-"""Kinematics for other programs: Excel, MATLAB, OpenSim, and those for animation."""
+"""Results for other programs: Excel, MATLAB, OpenSim, MuJoCo, those for animation and those of key points."""
 
 import importlib
 from collections.abc import Callable, Sequence
@@ -13,6 +13,13 @@ from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
 from mocap.pipeline.recording import Recording
 from mocap.results.bvh import write_bvh
+from mocap.results.keypoints import KEYPOINTS, write_keypoints
+from mocap.results.mjcf import mjcf_text
+from mocap.results.osim import osim_text
+from mocap.results.rigid_bodies import write_rigid_bodies
+
+Export = Callable[[Recording, Kinematics, Sequence[Cycle], Path], None]
+"""Writes a recording, its kinematics and cycles into a file."""
 
 
 def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
@@ -77,9 +84,9 @@ def write_mat(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
             "t_s": found.t_s[:, None],
             "names": cell(list(found)),
             "units": cell([q.unit for q in found.quantities]),
-            "value": np.stack([q.value for q in found.quantities], axis=1),
-            "sd": np.stack([q.sd for q in found.quantities], axis=1),
-            "status": np.stack([q.rests for q in found.quantities], axis=1),
+            "value": found.stacked("value"),
+            "sd": found.stacked("sd"),
+            "status": found.stacked("rests"),
             "status_words": cell(list(WORDS)),
             "cycles": cycles,
         },
@@ -90,34 +97,43 @@ def write_mat(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
 def write_mot(found: Kinematics, path: Path) -> None:
     """OpenSim motion: the angles of joints and of the body, in degrees, a column each; NaN where there is none."""
     angles = [q for q in found.quantities if q.unit == "deg" and q.kind in ("joint", "body", "stroke")]
-    _storage(found, [(q.name.removesuffix("_deg"), q.value) for q in angles], path, title="Coordinates", degrees=True)
+    _storage(found, [(q.name.removesuffix("_deg"), q.value) for q in angles], path, title="Coordinates")
 
 
 def write_sto(found: Kinematics, path: Path) -> None:
     """OpenSim storage: every quantity, followed by its standard deviation."""
     columns = [pair for q in found.quantities for pair in ((q.name, q.value), (f"{q.name}_sd", q.sd))]
-    _storage(found, columns, path, title="kinematics", degrees=True)
+    _storage(found, columns, path, title="kinematics")
 
 
-def _storage(
-    found: Kinematics, columns: Sequence[tuple[str, np.ndarray]], path: Path, *, title: str, degrees: bool
-) -> None:
-    head = [title, "version=1", f"nRows={len(found.t_s)}", f"nColumns={len(columns) + 1}"]
-    head += [
-        f"inDegrees={'yes' if degrees else 'no'}",
-        "endheader",
-        "\t".join(["time", *(name for name, _ in columns)]),
-    ]
+def _storage(found: Kinematics, columns: Sequence[tuple[str, np.ndarray]], path: Path, *, title: str) -> None:
+    head = [title, "version=1", f"nRows={len(found.t_s)}", f"nColumns={len(columns) + 1}", "inDegrees=yes"]
+    head += ["endheader", "\t".join(["time", *(name for name, _ in columns)])]
     table = np.column_stack([found.t_s, *(values for _, values in columns)])
     form = "\t".join(["%.9g"] * table.shape[1])
-    path.write_text("\n".join(head + [form % tuple(row) for row in table.tolist()]) + "\n", encoding="utf-8")
+    _write_text(path, "\n".join(head + [form % tuple(row) for row in table.tolist()]) + "\n")
 
 
-EXPORTS: dict[str, Callable[[Recording, Kinematics, Sequence[Cycle], Path], None]] = {
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+TABLES: dict[str, Export] = {
     "xlsx": lambda _, found, rows, path: write_xlsx(found, rows, path),
     "mat": lambda _, found, rows, path: write_mat(found, rows, path),
     "mot": lambda _, found, rows, path: write_mot(found, path),  # noqa: ARG005
     "sto": lambda _, found, rows, path: write_sto(found, path),  # noqa: ARG005
     "bvh": lambda run, found, rows, path: write_bvh(run.tracks, run.skeleton, path),  # noqa: ARG005
 }
-"""Writers by the end of the file's name."""
+"""Writers of kinematics by the end of the file's name."""
+EXPORTS: dict[str, tuple[str, Export]] = {
+    **{kind: (f"kinematics.{kind}", write) for kind, write in TABLES.items()},
+    "mjcf": ("skeleton.mjcf.xml", lambda run, found, rows, path: _write_text(path, mjcf_text(run))),  # noqa: ARG005
+    "osim": ("skeleton.osim", lambda run, found, rows, path: _write_text(path, osim_text(run))),  # noqa: ARG005
+    "xmalab": ("rigid_bodies.csv", lambda run, found, rows, path: write_rigid_bodies(run.motion, run.skeleton, path)),  # noqa: ARG005
+    **{
+        program: ("", lambda run, found, rows, folder, files=files: write_keypoints(run, files, folder))  # noqa: ARG005
+        for program, files in KEYPOINTS.items()
+    },
+}
+"""What a result is written as for other programs (``--export``): name of the file in its folder, and the writer."""

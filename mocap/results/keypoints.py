@@ -1,5 +1,6 @@
 """A tracked recording as files of the programs whose key points it was made of, and of neuroscience's archives."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,20 +25,16 @@ NEAR_PX = 17.0
 """What DeepLabCut's likelihood is the probability of: that the point is so near (its ``pos_dist_thresh``)."""
 
 
-def write_keypoints(run: Recording, program: str, folder: Path) -> None:
+def write_keypoints(run: Recording, files: Mapping[str, str], folder: Path) -> None:
     """Write positions, and what each camera would show of them, with all filled samples.
-
-    Args:
-        run: What was tracked.
-        program: Of ``KEYPOINTS``.
-        folder: Where to.
 
     Raises:
         MocapError: a package that writes the format is missing, or the height of the picture is not known where
             pixels are counted from below.
     """
+    run.in_space("an export of key points")
     whole = contents_of(run)
-    for name, file in KEYPOINTS[program].items():
+    for name, file in files.items():
         known = by_name(name)
         if "points" in known.holds:
             write(whole, folder / file, name, filled=True)

@@ -1,6 +1,5 @@
 """Track a long recording in blocks, into a folder; look at any range of its frames."""
 
-import json
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -28,10 +27,12 @@ from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.track_variables import with_joints, with_motion
 from mocap.pipeline.tracking import tracks_alone
 from mocap.pipeline.variables import VARIABLES
+from mocap.plots.page import write_page
 from mocap.progress import Tell, silent
 from mocap.records import MarkerTracks, Status
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_recording, write_arrays
+from mocap.results.tables import write_report
 from mocap.stages import Stages
 from mocap.text import number_of
 
@@ -106,11 +107,13 @@ def write_in_blocks(
             text = in_options(_readable(report)) + footer
             overview = replace(overview, report=report, report_text=text)
             write_arrays(overview, folder)
-            (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")
-            (folder / "report.md").write_text(text, encoding="utf-8")
+            write_report(overview, folder)
             write_recording(overview, folder / "recording.rrd", every=every)
             if detail is not None:
-                _figures(replace(detail[1], report_text=text), folder)
+                one = replace(detail[1], report_text=text)
+                found = kinematics(one.motion, one.skeleton, recording=one.name)
+                rows, steps = cycles(found, one.motion, one.skeleton), footfalls(one.motion, one.skeleton)
+                write_page(one, found, rows, steps, folder)
     return report
 
 
@@ -163,17 +166,6 @@ def _with_potentials(run: Recording) -> Recording:
         return run
     planar, spatial = (joint_potentials(run.joint_tracks[of], run.tracks, run.skeleton) for of in (FRAME, SPACE))
     return replace(run, potentials=planar, spatial_potentials=spatial)
-
-
-def _figures(run: Recording, folder: Path) -> None:
-    from mocap.plots.figures import pictures, write_pictures
-    from mocap.plots.page import report_page
-
-    found = kinematics(run.motion, run.skeleton, recording=run.name)
-    rows = cycles(found, run.motion, run.skeleton)
-    shown = list(pictures(run, found, rows, footfalls(run.motion, run.skeleton)))
-    page = report_page(run, found, rows, shown, write_pictures(shown, folder))
-    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def _report(
@@ -241,10 +233,6 @@ def _readable(report: Mapping) -> str:
 
 def load_range(folder: Path, frames: range) -> Recording:
     """All frames of a range of a result that was written in blocks, as a run; without pixels and velocities.
-
-    Args:
-        folder: What ``mocap track`` wrote.
-        frames: Frames, from 0.
 
     Raises:
         MocapError: there are no such frames.

@@ -7,7 +7,6 @@ in radians.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,27 +21,10 @@ from mocap.measures import AXES
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
 
-FILE = "skeleton.mjcf.xml"
 JOINT_HZ = 30.0
 THIN = 0.03
 """Radius of a capsule over its segment's length."""
 GRAVITY_M_S2 = 9.81
-
-
-def write_mjcf(run: Recording, path: Path) -> None:
-    """Write the animal in its mean pose: the trunk with a free joint, segments as capsules, joints, markers as sites.
-
-    Segments of constant (median) length hang on each other by the joints that the samples need
-    (``mocap.filters.joint_types``); masses are those that the skeleton states, else of uniform rods.
-
-    Args:
-        run: A tracked recording.
-        path: The file.
-
-    Raises:
-        MocapError: its skeleton has no trunk, or no limb is known often enough.
-    """
-    path.write_text(mjcf_text(run), encoding="utf-8")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,10 +63,6 @@ class FittedAnimal:
 def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
     """The animal of a tracked recording.
 
-    Args:
-        run: The recording.
-        what: The file that it is for, in errors.
-
     Raises:
         MocapError: its skeleton has no trunk, or no limb is known often enough.
     """
@@ -112,7 +90,14 @@ def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
 
 
 def mjcf_text(run: Recording) -> str:
-    """The file; see ``write_mjcf``."""
+    """The animal in its mean pose: the trunk with a free joint, segments as capsules, joints, markers as sites.
+
+    Segments of constant (median) length hang on each other by the joints that the samples need
+    (``mocap.filters.joint_types``); masses are those that the skeleton states, else of uniform rods.
+
+    Raises:
+        MocapError: its skeleton has no trunk, or no limb is known often enough.
+    """
     animal = fitted_animal(run, what="an MJCF file")
     mean, skeleton = animal.trunk, run.skeleton
     root = ElementTree.Element("mujoco", model=plain_name(run.name))

@@ -4,7 +4,6 @@ The XML of OpenSim 4 (https://opensimconfluence.atlassian.net/wiki/spaces/OpenSi
 kilograms, angles in radians.
 """
 
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,7 +15,6 @@ from mocap.measures import AXES
 from mocap.pipeline.recording import Recording
 from mocap.results.mjcf import GRAVITY_M_S2, fitted_animal, numbers, plain_name
 
-FILE = "skeleton.osim"
 VERSION = "40500"
 ROD = 1 / 12
 SLIGHT = 1e-3
@@ -25,25 +23,16 @@ KINDS = {"ball": "BallJoint", "universal": "UniversalJoint", "hinge": "PinJoint"
 Element = ElementTree.Element
 
 
-def write_osim(run: Recording, path: Path) -> None:
-    """Write the animal in its mean pose: the trunk with a free joint, segments of median length, joints, markers.
+def osim_text(run: Recording) -> str:
+    """The animal in its mean pose: the trunk with a free joint, segments of median length, joints, markers.
 
     The same animal as the MJCF file's (``mocap.results.mjcf``): its joints are those that the samples need, its masses
     those that the skeleton states. A marker lies at the outer end of each segment, those of the trunk at their mean
     places.
 
-    Args:
-        run: A tracked recording.
-        path: The file.
-
     Raises:
         MocapError: its skeleton has no trunk, or no limb is known often enough.
     """
-    path.write_text(osim_text(run), encoding="utf-8")
-
-
-def osim_text(run: Recording) -> str:
-    """The file; see ``write_osim``."""
     animal = fitted_animal(run, what="an OpenSim model")
     document = Element("OpenSimDocument", Version=VERSION)
     model = ElementTree.SubElement(document, "Model", name=plain_name(run.name))

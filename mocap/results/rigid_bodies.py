@@ -12,7 +12,7 @@ from mocap.kinematics.bodies import with_places
 from mocap.kinematics.pose import pose_of
 from mocap.skeleton import Skeleton, write_skeleton
 
-FILE, AXES_FILE = "rigid_bodies.csv", "axes.toml"
+AXES_FILE = "axes.toml"
 
 
 def write_axes(motion: Motion, skeleton: Skeleton, folder: Path) -> None:

@@ -93,11 +93,6 @@ def write_scaled_osim(run: Recording, generic: Path, folder: Path) -> dict[str, 
 def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Factor]:
     """By what each body is scaled; see ``write_scaled_osim``.
 
-    Args:
-        places: Markers of each body, in its frame.
-        markers: What was measured.
-        name: Of the model, for errors.
-
     Raises:
         MocapError: no body has two markers of the recording.
     """

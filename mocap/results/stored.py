@@ -66,12 +66,7 @@ _POTENTIAL: Schema = {"frame": Entry(kind="s", words=FRAMES), "scale_m": Entry(l
 
 
 def write_arrays(recording: Recording, folder: Path) -> None:
-    """Write what ``read_recording`` needs beside ``report.json`` and ``report.md``, and ``markers.nc`` for others.
-
-    Args:
-        recording: One that was tracked.
-        folder: Where to, as ``mocap.io.output.result_folder`` gives it.
-    """
+    """Write what ``read_recording`` needs beside ``report.json`` and ``report.md``, and ``markers.nc`` for others."""
     kinds = {PLANAR: recording.potentials, SPATIAL: recording.spatial_potentials}
     header = {
         "format": FORMAT,

@@ -16,9 +16,11 @@ from mocap.io.tables import origin_words
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
+from mocap.pipeline.plane import in_units
 from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks
+from mocap.results.dataset import plane_dataset
 from mocap.results.stored import write_arrays
 
 if TYPE_CHECKING:
@@ -26,23 +28,36 @@ if TYPE_CHECKING:
 
 
 def write_run(run: Recording, folder: Path, *, write_recording: Callable[[Recording, Path], None] | None) -> None:
-    """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``.
-
-    Args:
-        run: What to write.
-        folder: Where to, as ``mocap.io.output.result_folder`` gives it.
-        write_recording: Writes what is to be looked at; None: nothing is.
-    """
+    """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``."""
     write_arrays(run, folder)
     write_markers(run.tracks, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
     if (angles := run.angles) is not None:
         table = angles.to_frame(run.t_s)
         table.to_csv(folder / "joint_angles.csv", index=False, float_format="%.6g", lineterminator="\n")
-    (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
-    (folder / "report.md").write_text(in_options(run.report_text), encoding="utf-8")
+    write_report(run, folder)
     if write_recording is not None:
         write_recording(run, folder / "recording.rrd")
+
+
+def write_plane(run: Recording, folder: Path) -> None:
+    """Write ``markers.csv``, ``markers.nc``, ``report.json`` and ``report.md``.
+
+    ``markers.csv`` has a row a frame: ``frame``, ``t_s``, then ``<name>_x, _y, _sd`` and ``_origin`` a marker, in
+    metres; or ``<name>_x_px, _y_px, _sd_px`` where no scale is stated.
+    """
+    assert run.plane is not None
+    xy, cov = in_units(run, run.plane)
+    sd, tail = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 2), "_px" if run.plane.unit == "px" else ""
+    write_positions(run.tracks, xy, sd, run.repaired, folder / "markers.csv", tail=tail)
+    (folder / "markers.nc").write_bytes(as_netcdf(plane_dataset(run), packed=True))
+    write_report(run, folder)
+
+
+def write_report(run: Recording, folder: Path) -> None:
+    """``report.json`` and ``report.md``."""
+    (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
+    (folder / "report.md").write_text(in_options(run.report_text), encoding="utf-8")
 
 
 def write_markers(markers: MarkerTracks, repaired: NDArray[np.int8], path: Path) -> None:
@@ -51,10 +66,18 @@ def write_markers(markers: MarkerTracks, repaired: NDArray[np.int8], path: Path)
     Measured samples that bore another marker's name in the file (``repaired`` is 1) have the origin ``repaired``, those
     that a person corrected (2) ``edited``.
     """
-    columns, words, sd = {}, origin_words(markers.status, repaired), markers.sd_m
+    write_positions(markers, markers.xyz_m, markers.sd_m, repaired, path)
+
+
+def write_positions(
+    markers: MarkerTracks, x: np.ndarray, sd: np.ndarray, repaired: NDArray[np.int8], path: Path, *, tail: str = ""
+) -> None:
+    """``markers.csv`` of (T, M, 2 or 3) positions with (T, M) deviations, in a unit that ``tail`` names."""
+    columns, words = {}, origin_words(markers.status, repaired)
     for i, name in enumerate(markers.names):
-        columns |= {f"{name}_{'xyz'[k]}": column_text(markers.xyz_m[:, i, k], sd[:, i]) for k in range(3)}
-        columns |= {f"{name}_sd": column_text(sd[:, i], sd[:, i]), f"{name}_origin": words[:, i]}
+        parts = {**dict(zip("xyz", x[:, i].T, strict=False)), "sd": sd[:, i]}
+        columns |= {f"{name}_{part}{tail}": column_text(values, sd[:, i]) for part, values in parts.items()}
+        columns[f"{name}_origin"] = words[:, i]
     write_columns(path, markers.t_s, columns)
 
 

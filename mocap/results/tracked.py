@@ -29,22 +29,16 @@ from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.parts import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.track_variables import with_motion
-from mocap.plots.joint import plot_coordinates
-from mocap.plots.page import tracked_html
+from mocap.plots.kinematics import plot_coordinates
+from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Tell, bars, silent
 from mocap.records import Status
 from mocap.results.blocks import is_long
-from mocap.results.dataset import markers_dataset
-from mocap.results.exports import EXPORTS
-from mocap.results.keypoints import KEYPOINTS, write_keypoints
-from mocap.results.mjcf import FILE, write_mjcf
-from mocap.results.osim import FILE as OSIM_FILE
-from mocap.results.osim import write_osim
-from mocap.results.plane import plane_dataset, write_plane
-from mocap.results.rigid_bodies import FILE as BODIES_FILE
-from mocap.results.rigid_bodies import write_axes, write_rigid_bodies
+from mocap.results.dataset import markers_dataset, plane_dataset
+from mocap.results.exports import EXPORTS, TABLES
+from mocap.results.rigid_bodies import write_axes
 from mocap.results.stored import read_recording
-from mocap.results.tables import write_cycles, write_kinematics, write_run
+from mocap.results.tables import write_cycles, write_kinematics, write_plane, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
@@ -237,10 +231,7 @@ class Tracked(Recording):
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
-            exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well; ``mjcf``: the
-                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``;
-                ``xmalab``: the skeleton's bodies as ``rigid_bodies.csv``; of
-                ``mocap.results.keypoints.KEYPOINTS``: positions and their pixels for the program of that name.
+            exports: Of ``mocap.results.exports.EXPORTS``, written as well.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
 
@@ -253,40 +244,17 @@ class Tracked(Recording):
             write_axes(self.motion, self.skeleton, folder)
             refused = []
             for kind in exports:
+                name, write = EXPORTS[kind]
                 try:
-                    self._export(kind, folder)
+                    write(self, self.kinematics, self._cycles, folder / name)
                 except MocapError as error:
                     refused.append(f"{kind}: {error}")
-            if not pictures:
-                return refused
-            from mocap.plots.figures import pictures as figures_of
-            from mocap.plots.figures import write_pictures
-            from mocap.plots.page import report_page
-
-            shown = list(figures_of(self, self.kinematics, self._cycles, self.footfalls))
-            page = report_page(self, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
-            (folder / "report.html").write_text(page, encoding="utf-8")
+            if pictures:
+                write_page(self, self.kinematics, self._cycles, self.footfalls, folder)
         return refused
-
-    def _export(self, kind: str, folder: Path) -> None:
-        if kind == "mjcf":
-            write_mjcf(self, folder / FILE)
-        elif kind == "osim":
-            write_osim(self, folder / OSIM_FILE)
-        elif kind == "xmalab":
-            write_rigid_bodies(self.motion, self.skeleton, folder / BODIES_FILE)
-        elif kind in KEYPOINTS:
-            self.in_space(f"the export {kind}")
-            write_keypoints(self, kind, folder)
-        else:
-            EXPORTS[kind](self, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
 
     def write_scaled_osim(self, generic: str | PathLike[str], folder: Path) -> "dict[str, Factor]":
         """Scale a generic OpenSim model to the animal: ``scaled.osim``, ``scale_factors.csv`` (needs OpenSim).
-
-        Args:
-            generic: The model, with markers of the same names.
-            folder: Where to, as ``mocap.io.output.result_folder`` gives it.
 
         Returns:
             By what each body was scaled (``mocap.results.scaled_osim``).
@@ -319,10 +287,10 @@ class Tracked(Recording):
             MocapError: the name ends otherwise, or the file cannot be written so.
         """
         kind = Path(path).suffix.removeprefix(".")
-        if kind not in EXPORTS:
-            raise MocapError(f"{path}: kinematics are exported as .{', .'.join(EXPORTS)}")
+        if kind not in TABLES:
+            raise MocapError(f"{path}: kinematics are exported as .{', .'.join(TABLES)}")
         with result_file(Path(path), replace=overwrite) as stage:
-            EXPORTS[kind](self, self.kinematics, self._cycles, stage)
+            TABLES[kind](self, self.kinematics, self._cycles, stage)
 
     @cached_property
     def footfalls(self) -> Footfalls | None:

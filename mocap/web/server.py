@@ -96,10 +96,6 @@ class Served:
 def served(app: ASGIApp, *, port: int = 0) -> Iterator[Served]:
     """Serve an application behind a ``Guard`` on 127.0.0.1 while the context lasts.
 
-    Args:
-        app: The page; its addresses are relative.
-        port: Where; 0: any port that is free.
-
     Raises:
         MocapError: the port is taken.
     """

@@ -11,10 +11,9 @@ import typer
 from typer.testing import CliRunner
 
 import mocap
+from mocap.cli.console import option_names
 from mocap.cli.main import app, main
-from mocap.cli.options import RecordingOptions
-from mocap.cli.records import with_records
-from mocap.cli.words import option_names
+from mocap.cli.options import RecordingOptions, with_records
 from mocap.pipeline.reading import OPTIONS
 from mocap.text import with_options
 

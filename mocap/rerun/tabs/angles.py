@@ -11,9 +11,9 @@ from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity, Rests
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import time_columns
+from mocap.rerun.blueprint import rows
+from mocap.rerun.columns import log_over_time
 from mocap.rerun.layout import Layout
-from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import scene_view
 from mocap.rerun.series import robust_range, series_view
 from mocap.sides import by_side, side_of, words
@@ -52,13 +52,7 @@ def tab(layout: Layout) -> rrb.Container | None:
 
 
 def chosen(found: Sequence[Quantity], joints: Sequence[str], strokes: Sequence[str]) -> dict[str, list[Quantity]]:
-    """Flexions (or stated angles) of the joints by side with the strokes, and the body; only what has values.
-
-    Args:
-        found: All quantities.
-        joints: Names of the joints.
-        strokes: Names of the strokes.
-    """
+    """Flexions (or stated angles) of the joints by side with the strokes, and the body; only what has values."""
     known = {q.name: q for q in found if np.isfinite(q.value).any()}
     out: dict[str, list[Quantity]] = {}
     for side, names in by_side(joints).items():
@@ -74,10 +68,7 @@ def chosen(found: Sequence[Quantity], joints: Sequence[str], strokes: Sequence[s
 def _plots(group: str, quantities: Sequence[Quantity]) -> rrb.Container:
     views = [
         series_view(
-            paths.quantity(group, q.name),
-            f"{title(q)}, 95 % band",
-            y_range=robust_range(q.value),
-            legend=False,
+            paths.quantity(group, q.name), f"{title(q)}, 95 % band", y_range=robust_range(q.value), legend=False
         )
         for q in quantities
     ]
@@ -91,26 +82,16 @@ def title(q: Quantity) -> str:
 
 
 def _log_quantity(rec: rr.RecordingStream, group: str, q: Quantity, t_s: np.ndarray) -> None:
+    """A line with a band of half width 1.96 sd for values of one kind; nothing where there are none."""
     path = paths.quantity(group, q.name)
     color = palette.SIDE.get(group, palette.WHITE)
-    _log_band(rec, f"{path}/measured", q, t_s, q.rests == Rests.MEASURED, color, "measured")
-    _log_band(rec, f"{path}/filled", q, t_s, q.rests == Rests.FILLED, palette.YELLOW, "filled")
-
-
-def _log_band(
-    rec: rr.RecordingStream, path: str, q: Quantity, t_s: np.ndarray, where: np.ndarray, color: palette.Rgb, name: str
-) -> None:
-    """A line with a band of half width 1.96 sd where the values are of one kind; nothing where there are none."""
-    there = where & np.isfinite(q.value)
-    if not there.any():
-        return
-    look = rr.Measurements.from_fields(colors=color, widths=1.5, names=name)
-    rec.log(path, look, static=True)
     variance = np.where(np.isfinite(q.sd), Z95 * q.sd, 0.0) ** 2
-    columns = rr.Measurements.columns(
-        values=np.where(there, q.value, np.nan), variances=np.where(there, variance, np.nan)
-    )
-    rec.send_columns(path, indexes=time_columns(t_s), columns=columns)
+    for name, kind, own in (("measured", Rests.MEASURED, color), ("filled", Rests.FILLED, palette.YELLOW)):
+        there = (q.rests == kind) & np.isfinite(q.value)
+        if there.any():
+            value, spread = (np.where(there, numbers, np.nan) for numbers in (q.value, variance))
+            look = rr.Measurements.from_fields(colors=own, widths=1.5, names=name)
+            log_over_time(rec, f"{path}/{name}", t_s, rr.Measurements.columns(values=value, variances=spread), look)
 
 
 def _lanes(cycles: Sequence[Cycle]) -> dict[tuple[str, str], list[Cycle]]:
@@ -141,10 +122,8 @@ def _log_cycles(rec: rr.RecordingStream, path: str, rows: Sequence[Cycle], t_s: 
     names = [name for _, name in parts if name]
     labels = [name.split()[0] if name.endswith(("down", "stance")) or " " not in name else " " for name in names]
     colors = [palette.VERMILLION if name.endswith(("up", "swing")) else palette.GREEN for name in names]
-    rec.log(path, rr.StateConfiguration(values=names, labels=labels, colors=colors), static=True)
+    look = rr.StateConfiguration(values=names, labels=labels, colors=colors)
     at = np.clip(np.searchsorted(t_s, [start for start, _ in parts]), 0, len(t_s) - 1)
     last = {int(frame): name for frame, (_, name) in zip(at, parts, strict=True)}
-    frames = np.array(list(last), dtype=np.int64)
-    rec.send_columns(
-        path, indexes=time_columns(t_s, at=frames), columns=rr.StateChange.columns(state=list(last.values()))
-    )
+    changes = rr.StateChange.columns(state=list(last.values()))
+    log_over_time(rec, path, t_s, changes, look, at=np.array(list(last), dtype=np.int64))

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import Single, changing, segments, single, time_columns
+from mocap.rerun.blueprint import rows
+from mocap.rerun.columns import Single, log_over_time, segments, single, ui
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_video import log_video
 from mocap.rerun.log_world import SAMPLE_CLASS
-from mocap.rerun.rows import rows
 from mocap.rerun.scene import Scene, ViewCamera
 from mocap.rerun.scene_views import WHISKER_SCALE, camera_order, camera_view, rig_view
 
@@ -44,12 +44,11 @@ def tab(layout: Layout) -> rrb.Container | None:
 def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
     """Pose, lens and frustum of every camera."""
     for camera in scene.cameras:
+        pose = rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_from_camera)
         if camera.is_rigid:
-            quaternion = rr.Quaternion(xyzw=Rotation.from_matrix(np.array(camera.world_from_camera)).as_quat())
-            pose = rr.Transform3D(translation=camera.position_m, quaternion=quaternion)
-        else:
-            pose = rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_from_camera)
-        rec.log(paths.camera(camera.name), pose, static=True)
+            turn = rr.Quaternion(xyzw=Rotation.from_matrix(np.array(camera.world_from_camera)).as_quat())
+            pose = rr.Transform3D(translation=camera.position_m, quaternion=turn)
+        rec.log(paths.child(paths.CAMERAS, camera.name), pose, static=True)
         away_m = float(np.linalg.norm(camera.position_m - scene.centre_m))
         pinhole = rr.Pinhole(
             image_from_camera=camera.intrinsic,
@@ -62,8 +61,8 @@ def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
         rec.log(paths.image(camera.name), pinhole, static=True)
         width, height = camera.size_px
         border = [(0, 0), (width, 0), (width, height), (0, height), (0, 0)]
-        look = {"colors": palette.DIM, "radii": rr.components.Radius.ui_points(0.75)}
-        rec.log(f"{paths.image(camera.name)}/border", rr.LineStrips2D([border], **look), static=True)
+        line = rr.LineStrips2D([border], colors=palette.DIM, radii=ui(0.75))
+        rec.log(f"{paths.image(camera.name)}/border", line, static=True)
 
 
 def log_pixels(rec: rr.RecordingStream, scene: Scene, run: Recording) -> None:
@@ -86,22 +85,15 @@ def _log_points(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, name: s
     path = paths.child(paths.image(camera.name), name)
     color, radius, order = _LOOKS[name]
     look = rr.Points2D.from_fields(
-        colors=color,
-        radii=rr.components.Radius.ui_points(radius),
-        draw_order=order,
-        class_ids=SAMPLE_CLASS,
-        show_labels=False,
+        colors=color, radii=ui(radius), draw_order=order, class_ids=SAMPLE_CLASS, show_labels=False
     )
-    rec.log(path, look, static=True)
     there = np.isfinite(uv_px[..., 0])
     if name == "rejected":  # rare: only those that there are, with their names
-        counts = there.sum(axis=1)
-        at = changing(counts)
         columns = rr.Points2D.columns(positions=uv_px[there], keypoint_ids=np.nonzero(there)[1])
-        rec.send_columns(path, indexes=time_columns(t_s, at=at), columns=columns.partition(counts[at]))
+        log_over_time(rec, path, t_s, columns, look, counts=there.sum(axis=1), rare=True)
     else:
         rec.log(path, rr.Points2D.from_fields(keypoint_ids=np.arange(uv_px.shape[1])), static=True)
-        rec.send_columns(path, indexes=time_columns(t_s), columns=rr.Points2D.columns(positions=uv_px))
+        log_over_time(rec, path, t_s, rr.Points2D.columns(positions=uv_px), look)
 
 
 def _log_whiskers(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, measured: Single, target: Single) -> None:
@@ -109,10 +101,5 @@ def _log_whiskers(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, measu
     there = np.isfinite(measured[..., 0]) & np.isfinite(target[..., 0])
     start = measured[there]
     strips = segments(start, start + np.float32(WHISKER_SCALE) * (target[there] - start))
-    look = rr.LineStrips2D.from_fields(
-        colors=palette.ORANGE, radii=rr.components.Radius.ui_points(1.0), draw_order=35.0, show_labels=False
-    )
-    rec.log(path, look, static=True)
-    rec.send_columns(
-        path, indexes=time_columns(t_s), columns=rr.LineStrips2D.columns(strips=strips).partition(there.sum(axis=1))
-    )
+    look = rr.LineStrips2D.from_fields(colors=palette.ORANGE, radii=ui(1.0), draw_order=35.0, show_labels=False)
+    log_over_time(rec, path, t_s, rr.LineStrips2D.columns(strips=strips), look, counts=there.sum(axis=1))

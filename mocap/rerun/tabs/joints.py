@@ -8,16 +8,14 @@ from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.records import JointTracks
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import Single, single, time_columns
-from mocap.rerun.energy import JointEnergy
-from mocap.rerun.landscape import MM_PER_M, RANGE, Landscape
+from mocap.rerun.blueprint import rows
+from mocap.rerun.columns import Single, log_over_time, single, ui
+from mocap.rerun.landscape import MM_PER_M, RANGE, Block, JointEnergy, Landscape
 from mocap.rerun.layout import Layout
 from mocap.rerun.limbs import limb_tab, log_limbs
 from mocap.rerun.over_plane import FLIP, log_moving, log_picture, log_surface, plane_view
-from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import eye, last_frames
 from mocap.rerun.series import log_line, series_view
-from mocap.rerun.volume import Block
 from mocap.sides import by_side, words
 
 COORDINATES = ("q1", "q2", "q3")
@@ -63,7 +61,7 @@ def tab(layout: Layout) -> rrb.Container | None:
 
 def joint(layout: Layout, name: str) -> rrb.Container:
     """The potential of a joint, and the joint moving over it."""
-    series = paths.joint_series(name)
+    series = paths.joint(name, "series")
     spatial = [volume_view(layout, name)] if name in layout.blocks else []
     maps = rrb.Vertical(
         rrb.Horizontal(surface_view(layout, name), heat_map_view(layout, name), *spatial),
@@ -82,7 +80,7 @@ def joint(layout: Layout, name: str) -> rrb.Container:
 
 def heat_map_view(layout: Layout, name: str) -> rrb.View:
     """The potential of a joint from above, with its range and its preferred configurations."""
-    land, path = layout.landscapes[name], paths.heat_map(name)
+    land, path = layout.landscapes[name], paths.joint(name, "map")
     title = f"joint potential, low (yellow) where the joint goes; white: V < {RANGE:g}, red: preferred"
     return plane_view(path, title, land.x_mm, land.y_mm, layout.trail_frames)
 
@@ -91,7 +89,7 @@ def spectrum_view(name: str) -> rrb.View:
     """Eigenvalues and lambda."""
     width, height = CHART_SIZE
     return rrb.Spatial2DView(
-        origin=paths.spectrum(name),
+        origin=paths.joint(name, "spectrum"),
         name="eigenvalues and lambda",
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(
@@ -103,34 +101,33 @@ def spectrum_view(name: str) -> rrb.View:
 def coordinates_view(layout: Layout, name: str) -> rrb.View:
     """The coordinates of a joint over time."""
     frame = layout.joint_frames[name]
-    return series_view(f"{paths.joint_series(name)}/coordinates", f"coordinates in frame {frame} (mm)")
+    return series_view(f"{paths.joint(name, 'series')}/coordinates", f"coordinates in frame {frame} (mm)")
 
 
 def surface_view(layout: Layout, name: str) -> rrb.View:
     """The potential of a joint as a surface, seen from high enough to look into its wells."""
-    land = layout.landscapes[name]
+    land, up = layout.landscapes[name], np.array([0.0, 0.0, 1.0])
     middle = np.array([land.x_mm.mean(), land.y_mm.mean(), 0.4 * land.height_mm])
-    extent_mm = float(land.x_mm[-1] - land.x_mm[0])
-    return rrb.Spatial3DView(
-        origin=paths.surface(name),
-        name="joint potential: 0 (yellow) where the joint goes, 1 (violet) elsewhere; mm",
-        background=palette.GROUND,
-        line_grid=False,
-        eye_controls=eye(middle, 2.0 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
-        overrides={f"{paths.surface(name)}/trail": last_frames(layout.trail_frames)},
-    )
+    look = eye(middle, 2.0 * float(land.x_mm[-1] - land.x_mm[0]), up, rise=1.1)
+    title = "joint potential: 0 (yellow) where the joint goes, 1 (violet) elsewhere; mm"
+    return _solid_view(layout, paths.joint(name, "surface"), title, look)
 
 
 def volume_view(layout: Layout, name: str) -> rrb.View:
     """The potential of a joint as a cloud, and the limb in it."""
     cloud = layout.blocks[name]
+    look = eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0]))
+    return _solid_view(layout, paths.joint(name, "volume"), "in body axes (mm): dense where the joint often is", look)
+
+
+def _solid_view(layout: Layout, path: str, title: str, look: rrb.EyeControls3D) -> rrb.View:
     return rrb.Spatial3DView(
-        origin=paths.volume(name),
-        name="in body axes (mm): dense where the joint often is",
+        origin=path,
+        name=title,
         background=palette.GROUND,
         line_grid=False,
-        eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),
-        overrides={f"{paths.volume(name)}/trail": last_frames(layout.trail_frames)},
+        eye_controls=look,
+        overrides={f"{path}/trail": last_frames(layout.trail_frames)},
     )
 
 
@@ -138,36 +135,27 @@ def _log_coordinates(rec: rr.RecordingStream, tracks: JointTracks, name: str) ->
     """The coordinates of one joint of the tracks, in millimetres."""
     lines = tracks.q_m[:, tracks.names.index(name)] * MM_PER_M
     n_lines = lines.shape[1]
-    path = f"{paths.joint_series(name)}/coordinates"
+    path = f"{paths.joint(name, 'series')}/coordinates"
     log_line(rec, path, tracks.t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
 
 
 def _log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landscape) -> None:
     """A joint's potential with its samples, its range and preferred configurations, and the joint moving over it."""
-    _log_surface(rec, paths.surface(name), t_s, land)
-    _log_heat_map(rec, paths.heat_map(name), t_s, land)
-    _log_energy(rec, paths.joint_series(name), t_s, land.path_value, land.energy)
-    _log_spectrum(rec, paths.spectrum(name), land)
+    _log_surface(rec, paths.joint(name, "surface"), t_s, land)
+    _log_heat_map(rec, paths.joint(name, "map"), t_s, land)
+    _log_energy(rec, paths.joint(name, "series"), t_s, land.path_value, land.energy)
+    _log_spectrum(rec, paths.joint(name, "spectrum"), land)
 
 
 def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, energy: JointEnergy) -> None:
     """V_z on the way with the bound of Theorem 3, and the energy that this bound rests on."""
-    log_line(
-        rec,
-        f"{path}/potential/bound",
-        t_s,
-        energy.bound,
-        name="bound of a release (Theorem 3)",
-        color=palette.GREY,
-    )
-    log_line(rec, f"{path}/potential/value", t_s, value, name="V_z(q(t))", color=palette.ORANGE)
-    lines = {
-        "total": (energy.kinetic + energy.potential, palette.WHITE),
-        "kinetic": (energy.kinetic, palette.SKY_BLUE),
-        "V_z / eps²": (energy.potential, palette.ORANGE),
-    }
-    values = np.column_stack([line for line, _ in lines.values()])
-    log_line(rec, f"{path}/energy", t_s, values, name=tuple(lines), color=[color for _, color in lines.values()])
+    lines = {"bound": ("bound of a release (Theorem 3)", energy.bound, palette.GREY)}
+    lines["value"] = "V_z(q(t))", value, palette.ORANGE
+    for part, (title, numbers, color) in lines.items():
+        log_line(rec, f"{path}/potential/{part}", t_s, numbers, name=title, color=color)
+    parts = np.column_stack([energy.kinetic + energy.potential, energy.kinetic, energy.potential])
+    colors = (palette.WHITE, palette.SKY_BLUE, palette.ORANGE)
+    log_line(rec, f"{path}/energy", t_s, parts, name=("total", "kinetic", "V_z / eps²"), color=colors)
 
 
 def _log_spectrum(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
@@ -184,7 +172,6 @@ def _log_spectrum(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
     level = float(height(np.array(land.lam)))
     box = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)], dtype=np.float64)
     across = np.array([(0.0, level), (1.0, level)])
-    ui = rr.components.Radius.ui_points
     lines = rr.LineStrips2D([_in_chart(box), _in_chart(across)], colors=[palette.DIM, palette.ORANGE], radii=ui(1.0))
     rec.log(f"{path}/lines", lines, static=True)
     points = rr.Points2D(_in_chart(dots), colors=palette.SKY_BLUE, radii=ui(2.5), draw_order=40.0)
@@ -211,7 +198,6 @@ def _log_surface(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape
     _log_frame(rec, f"{path}/frame", land)
     way = land.lifted(land.path_mm)
     log_moving(rec, path, t_s, land.lifted(land.samples_mm), way, dots=palette.GROUND, trail=palette.BLUE)
-    ui = rr.components.Radius.ui_points
     lifted = [land.lifted(line) for line in land.contour_mm(RANGE)]
     rec.log(f"{path}/range", rr.LineStrips3D(lifted, colors=palette.WHITE, radii=ui(1.0)), static=True)
 
@@ -220,11 +206,7 @@ def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
     """The rectangle under the surface, with its ends in millimetres."""
     (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
     corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), (x0, y0, 0), (x0, y0, land.height_mm)])
-    rec.log(
-        f"{path}/box",
-        rr.LineStrips3D([corners], colors=palette.GREY, radii=rr.components.Radius.ui_points(1.0)),
-        static=True,
-    )
+    rec.log(f"{path}/box", rr.LineStrips3D([corners], colors=palette.GREY, radii=ui(1.0)), static=True)
     middle_x, middle_y = (x0 + x1) / 2, (y0 + y1) / 2
     ticks = [
         ((x0, y0, 0), f"{x0:.0f}, {y0:.0f}"),
@@ -234,23 +216,14 @@ def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
         ((x1, y1, 0), f"{y1:.0f}"),
         ((x0, y0, land.height_mm), "V = 1"),
     ]
-    rec.log(
-        f"{path}/ticks",
-        rr.Points3D(
-            [at for at, _ in ticks],
-            labels=[text for _, text in ticks],
-            colors=palette.GREY,
-            radii=rr.components.Radius.ui_points(1.5),
-            show_labels=True,
-        ),
-        static=True,
-    )
+    places, texts = zip(*ticks, strict=True)
+    names = rr.Points3D(list(places), labels=list(texts), colors=palette.GREY, radii=ui(1.5), show_labels=True)
+    rec.log(f"{path}/ticks", names, static=True)
 
 
 def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
     """The potential from above, with what is marked on it."""
     log_picture(rec, f"{path}/potential", land.x_mm, land.y_mm, land.value)
-    ui = rr.components.Radius.ui_points
     edge = [line * FLIP for line in land.contour_mm(RANGE)]
     rec.log(f"{path}/range", rr.LineStrips2D(edge, colors=palette.WHITE, radii=ui(1.25), draw_order=15.0), static=True)
     _log_axes(rec, f"{path}/axes", land)
@@ -260,9 +233,8 @@ def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscap
     log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
     outside = land.path_value > RANGE
     label = rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(1.0), show_labels=True, draw_order=45.0)
-    rec.log(f"{path}/outside", label, static=True)
     columns = rr.Points2D.columns(positions=single(way[outside]), labels=[OUTSIDE] * int(outside.sum()))
-    rec.send_columns(f"{path}/outside", indexes=time_columns(t_s), columns=columns.partition(outside.astype(int)))
+    log_over_time(rec, f"{path}/outside", t_s, columns, label, counts=outside)
 
 
 def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
@@ -284,7 +256,7 @@ def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
 
 def _log_volume(rec: rr.RecordingStream, name: str, t_s: Array, cloud: Block) -> None:
     """1 - V_z as a volume, the samples in it, and the limb from the joint's centre to where it is."""
-    path = paths.volume(name)
+    path = paths.joint(name, "volume")
     volume = rr.Volume3D(
         (1 - cloud.value).astype(np.float16),
         voxel_size=(cloud.cell_mm,) * 3,

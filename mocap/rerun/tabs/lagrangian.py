@@ -6,8 +6,8 @@ import rerun.blueprint as rrb
 
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
+from mocap.rerun.blueprint import rows
 from mocap.rerun.layout import Layout
-from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import scene_view
 from mocap.rerun.series import log_line, robust_range, series_view
 

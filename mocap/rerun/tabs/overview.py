@@ -4,11 +4,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mocap.pipeline.recording import Recording
+from mocap.rerun.blueprint import rows
 from mocap.rerun.gaps import gap_map_view, log_gap_map
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import log_looks, log_markers, log_trails, log_uncertainty
 from mocap.rerun.log_world import log_axes, log_world
-from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
 
 _TILES = 4

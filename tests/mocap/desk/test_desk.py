@@ -12,7 +12,6 @@ from urllib.parse import urlsplit
 
 import httpx2
 import numpy as np
-import pandas as pd
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
@@ -20,6 +19,7 @@ from selenium.webdriver.common.keys import Keys
 import mocap
 from mocap.batches.known import Options
 from mocap.batches.manifest import read_manifest, write_manifest
+from mocap.batches.one import track_trial
 from mocap.batches.trial import Trial
 from mocap.desk.desk import opened_desk
 from mocap.desk.page import desk_page
@@ -32,8 +32,6 @@ from mocap.skeleton import read_skeleton
 from mocap.web import served
 from tests.mocap.desk.filmed_trial import FPS, GAP, SWAPPED, trial
 from tests.mocap.digitising.filmed import NAMES, SIZE
-from tests.mocap.rerun.browser import chromium
-from tests.real_data import real
 
 HAND, TAIL = NAMES.index("hand"), NAMES.index("tail")
 OPTIONS = Options(model="constant_velocity", validate=False)
@@ -69,8 +67,7 @@ def tracked(desk):
 def worked(scene, tmp_path_factory):
     """A desk whose trial was tracked, and a browser's client at its page."""
     with desk_of(scene, tmp_path_factory.mktemp("worked") / "out") as desk:
-        told = tracked(desk)
-        assert told["done"] == told["total"] == 1, told
+        assert track_trial(desk.trials["flight"], OPTIONS, desk.out).status == "done"
         with served(desk_page(desk)) as site, client(site.address) as browser:
             yield desk, browser
 
@@ -80,13 +77,13 @@ def until(driver, script):
         time.sleep(0.05)
 
 
-def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path):
+def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path, driver):
     """A folder is opened in a browser, tracked, three points are placed with the mouse, tracked again, passed on.
 
     What is passed on says `edited`, the log holds the three places, and its replay by the library gives the same bytes.
     """
     out = tmp_path / "out"
-    with desk_of(scene, out) as desk, served(desk_page(desk)) as site, chromium() as driver:
+    with desk_of(scene, out) as desk, served(desk_page(desk)) as site:
         driver.get(site.address)
         until(driver, "document.body.dataset.ready === '1'")
         driver.find_element("class name", "look").click()
@@ -137,68 +134,6 @@ def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path):
     for name in ("markers.csv", "kinematics.csv"):
         assert current(out / "flight", name).read_bytes() == current(tmp_path / "replay", name).read_bytes()
     assert ",edited" in (out / "flight" / "markers.csv").read_text()
-
-
-def test_a_real_flight_is_named_tracked_corrected_and_passed_on(tmp_path):
-    """102 frames of a bat in four cameras, as they lie in their folder: a point is named, three are placed again.
-
-    The pictures were not kept: clicks are shown, and a person places what they show. Replayed, the log gives the same.
-    """
-    folder = real("bat_windtunnel_dltdv8", "derived_csv", "FE404_F2")
-    out = tmp_path / "out"
-    seen = np.flatnonzero(pd.read_csv(folder / "FE404_F2_xypts.csv")["pt2_cam1_X"].notna())
-    frames = [int(seen[len(seen) * k // 4]) for k in (1, 2, 3)]
-    with (
-        opened_desk([str(folder)], out, options=OPTIONS, jobs=1, stated={"fps": 700.0}) as desk,
-        served(desk_page(desk)) as site,
-        chromium() as driver,
-    ):
-        (name,) = desk.trials
-        driver.get(site.address)
-        until(driver, "document.body.dataset.ready === '1'")
-        driver.find_element("class name", "bones").click()
-        until(driver, "document.body.dataset.sketched === '1'")
-        x, y = driver.execute_script("return spots()[drawn.names.indexOf('pt2')]")
-        canvas = driver.find_element("id", "body")
-        driver.find_element("tag name", "body").send_keys("n")
-        ActionChains(driver).move_to_element_with_offset(
-            canvas, round(x - canvas.size["width"] / 2), round(y - canvas.size["height"] / 2)
-        ).click().perform()
-        driver.switch_to.active_element.send_keys("wrist", Keys.ESCAPE)
-        driver.find_element("id", "save").click()
-        until(driver, "document.body.dataset.drawn === '1'")
-        driver.find_element("css selector", "[data-room=trials]").click()
-        driver.find_element("id", "track").click()
-        until(driver, "document.body.dataset.tracked === '1'")
-        driver.find_element("class name", "read").click()
-        until(driver, "document.body.dataset.opened === '1'")
-        driver.execute_script("choose(info.names.indexOf('wrist'))")
-        for n, frame in enumerate(frames, start=1):
-            driver.find_element("tag name", "body").send_keys("f")
-            driver.switch_to.active_element.send_keys(str(frame + 1), Keys.ENTER)
-            until(driver, f"document.body.dataset.frame === '{frame}'")
-            u, v = driver.execute_script(
-                "aim(marker); const at = views[0], p = shown.cameras[0].markers[marker].click, s = scale(at);"
-                "return [(p[0] - 0.5 - at.at[0]) * s, (p[1] - 0.5 - at.at[1]) * s];"
-            )
-            film = driver.find_element("id", "film0")
-            ActionChains(driver).move_to_element_with_offset(film, round(u), round(v)).click().perform()
-            until(driver, f"document.body.dataset.changed === '{n}'")
-            until(driver, f"Number(document.body.dataset.settled) >= {n + 1}")
-        driver.find_element("css selector", "[data-room=trials]").click()
-        driver.find_element("id", "track").click()
-        until(driver, "document.body.dataset.tracked === '2'")
-        driver.find_element("class name", "pass").click()
-        until(driver, "document.body.dataset.passed === '1'")
-        stated = {key: desk.trials[name].stated[key] for key in ("skeleton", "calibration", "profile", "fps")}
-        paths = list(desk.trials[name].paths)
-    log = out / "edits" / name / "edits.jsonl"
-    assert [(edit.frame, edit.marker) for edit in read_edits(log)] == [(frame + 1, "wrist") for frame in frames]
-    assert (out / name / "kinematics" / "report.html").is_file()
-    assert (out / name / "markers.csv").read_text().count(",edited") == 3
-    again = mocap.read(paths, edits=log, **stated)
-    mocap.track(again, model="constant_velocity", validate=False).save(tmp_path / "replay")
-    assert current(out / name, "markers.csv").read_bytes() == current(tmp_path / "replay", "markers.csv").read_bytes()
 
 
 def test_a_result_is_passed_on_as_one_page(worked):
@@ -356,7 +291,7 @@ def test_what_is_found_can_be_mended_and_is_kept(worked):
     desk.trials["flight"].stated.pop("correct_lag")
 
 
-def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path):
+def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path, driver):
     """Files of one camera each in a wrong order: the audit finds it, the button puts them right, the command shows it.
 
     Rays meet then, and the manifest keeps the order: the button is gone.
@@ -372,7 +307,6 @@ def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path):
     with (
         opened_desk([str(tmp_path / "manifest.csv")], tmp_path / "out", options=OPTIONS) as desk,
         served(desk_page(desk)) as site,
-        chromium() as driver,
     ):
         driver.get(site.address)
         until(driver, "document.body.dataset.ready === '1'")
@@ -402,7 +336,7 @@ def test_what_a_refusal_names_has_a_button(worked, monkeypatch):
     assert [(way["name"], way["value"]) for way in alarm["mend"]] == [("correct_lag", True)]
 
 
-def test_a_person_draws_a_skeleton(scene, tmp_path):
+def test_a_person_draws_a_skeleton(scene, tmp_path, driver):
     """Points are named, bones clicked in 3D, a joint ticked, sides mirrored, all saved: what was drawn is in the file.
 
     A name that two points have is refused, in the page, and nothing is written; the file is what tracking states.
@@ -413,7 +347,6 @@ def test_a_person_draws_a_skeleton(scene, tmp_path):
     with (
         opened_desk(where, out, options=OPTIONS, jobs=1, stated=stated) as desk,
         served(desk_page(desk)) as site,
-        chromium() as driver,
     ):
         desk.trials["flight"].stated.pop("skeleton", None)
         driver.get(site.address)
@@ -468,57 +401,53 @@ def test_a_person_draws_a_skeleton(scene, tmp_path):
     assert mocap.read(where[0], skeleton=path, **stated).names == found.markers
 
 
-def test_a_person_sees_angles_and_goes_to_a_frame(worked):
+def test_a_person_sees_angles_and_goes_to_a_frame(worked, driver):
     """A joint's potential is drawn; a click on a curve goes to its frame; each room shows its command."""
     _, browser = worked
-    with chromium() as driver:
-        driver.get(str(browser.base_url))
-        until(driver, "document.body.dataset.ready === '1'")
-        driver.find_element("class name", "read").click()
-        until(driver, "document.body.dataset.opened === '1'")
-        assert "--edits" in driver.find_element("id", "command").text
-        driver.find_element("css selector", "[data-room=angles]").click()
-        until(driver, "document.body.dataset.curve")
-        assert driver.find_element("id", "command").text.startswith("mocap kinematics ")
-        driver.execute_script("const j = $('joint'); j.value = 'wrist'; j.onchange({ target: j });")
-        until(driver, "$('potential').complete && $('potential').naturalWidth")
-        assert driver.execute_script("return $('potential').naturalWidth") == 840
-        driver.execute_script("const j = $('joint'); j.value = ''; j.onchange({ target: j });")
-        canvas = driver.find_element("id", "curve")
-        middle = ActionChains(driver).move_to_element_with_offset(canvas, 0, 0)
-        middle.click().perform()
-        until(driver, "document.body.dataset.room === 'proof'")
-        wide = canvas.size["width"] or driver.execute_script("return $('curve').width")
-        until(driver, f"Math.abs(frame - {(wide / 2 - 60) / (wide - 80) * 59}) <= 1")
+    driver.get(str(browser.base_url))
+    until(driver, "document.body.dataset.ready === '1'")
+    driver.find_element("class name", "read").click()
+    until(driver, "document.body.dataset.opened === '1'")
+    assert "--edits" in driver.find_element("id", "command").text
+    driver.find_element("css selector", "[data-room=angles]").click()
+    until(driver, "document.body.dataset.curve")
+    assert driver.find_element("id", "command").text.startswith("mocap kinematics ")
+    driver.execute_script("const j = $('joint'); j.value = 'wrist'; j.onchange({ target: j });")
+    until(driver, "$('potential').complete && $('potential').naturalWidth")
+    assert driver.execute_script("return $('potential').naturalWidth") == 840
+    driver.execute_script("const j = $('joint'); j.value = ''; j.onchange({ target: j });")
+    canvas = driver.find_element("id", "curve")
+    middle = ActionChains(driver).move_to_element_with_offset(canvas, 0, 0)
+    middle.click().perform()
+    until(driver, "document.body.dataset.room === 'proof'")
+    wide = canvas.size["width"] or driver.execute_script("return $('curve').width")
+    until(driver, f"Math.abs(frame - {(wide / 2 - 60) / (wide - 80) * 59}) <= 1")
 
 
-def test_measures_are_ticked_and_points_clicked_in_a_picture(worked):
+def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):
     """A measure that is unticked is not in the file; points lie where a camera shows them, and a click takes one."""
     desk, browser = worked
     before = desk.trials["flight"].stated["skeleton"]
-    with chromium() as driver:
-        driver.get(str(browser.base_url))
-        until(driver, "document.body.dataset.ready === '1'")
-        driver.find_element("class name", "bones").click()
-        until(driver, "document.body.dataset.sketched === '1'")
-        labels = [label.text for label in driver.find_elements("css selector", "#measures span")]
-        assert labels == ["distances span: right, hand", "strokes hand: left, hand"]
-        driver.execute_script("const by = $('shown-by'); by.value = '1'; by.onchange({ target: by });")
-        until(driver, "photo && photo.naturalWidth")
-        found = np.array(driver.execute_script("return places3d"), dtype=float)
-        pixels = browser.get(
-            "points", params={"frame": driver.execute_script("return drawn.frame"), "camera": 1}
-        ).json()
-        np.testing.assert_array_equal(found, np.array(pixels, dtype=float))
-        x, y = driver.execute_script(f"return spots()[{HAND}]")
-        canvas = driver.find_element("id", "body")
-        half = canvas.size["width"] / 2, canvas.size["height"] / 2
-        at = ActionChains(driver).move_to_element_with_offset(canvas, round(x - half[0]), round(y - half[1]))
-        at.click().perform()
-        assert driver.execute_script("return point") == HAND
-        driver.find_elements("css selector", "#measures input")[1].click()
-        driver.find_element("id", "save").click()
-        until(driver, "document.body.dataset.drawn === '1'")
+    driver.get(str(browser.base_url))
+    until(driver, "document.body.dataset.ready === '1'")
+    driver.find_element("class name", "bones").click()
+    until(driver, "document.body.dataset.sketched === '1'")
+    labels = [label.text for label in driver.find_elements("css selector", "#measures span")]
+    assert labels == ["distances span: right, hand", "strokes hand: left, hand"]
+    driver.execute_script("const by = $('shown-by'); by.value = '1'; by.onchange({ target: by });")
+    until(driver, "photo && photo.naturalWidth")
+    found = np.array(driver.execute_script("return places3d"), dtype=float)
+    pixels = browser.get("points", params={"frame": driver.execute_script("return drawn.frame"), "camera": 1}).json()
+    np.testing.assert_array_equal(found, np.array(pixels, dtype=float))
+    x, y = driver.execute_script(f"return spots()[{HAND}]")
+    canvas = driver.find_element("id", "body")
+    half = canvas.size["width"] / 2, canvas.size["height"] / 2
+    at = ActionChains(driver).move_to_element_with_offset(canvas, round(x - half[0]), round(y - half[1]))
+    at.click().perform()
+    assert driver.execute_script("return point") == HAND
+    driver.find_elements("css selector", "#measures input")[1].click()
+    driver.find_element("id", "save").click()
+    until(driver, "document.body.dataset.drawn === '1'")
     kept = read_skeleton(desk.out / "skeletons" / "flight.toml").measures
     desk.state("flight", "skip", "")
     desk.trials["flight"].stated["skeleton"] = before

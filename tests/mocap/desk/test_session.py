@@ -21,8 +21,8 @@ from mocap.desk.session import SAVED, open_session
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
 from mocap.web import page, served
+from tests.mocap.desk.conftest import requests_of
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
-from tests.mocap.rerun.browser import chromium
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +73,10 @@ def until(driver, script):
         time.sleep(0.05)
 
 
-def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
+def test_clicks_in_a_browser_become_tracks(scene, tmp_path, driver):
     """All markers are clicked in two films with the mouse and their keys, named, undone; no other host."""
     session = session_of(scene, tmp_path / "out")
-    with shown(session) as address, chromium() as driver:
+    with shown(session) as address:
         driver.get(address)
         until(driver, "document.body.dataset.ready === '1'")
         driver.execute_script(PRESSES)
@@ -122,7 +122,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
         assert len([url for url in asked if "/picture" in url]) >= 6
 
 
-def test_a_track_is_corrected_in_a_browser(scene, tmp_path):
+def test_a_track_is_corrected_in_a_browser(scene, tmp_path, driver):
     """A mark that is dragged is a click where it is let go; names are swapped, a range deleted, each is one undo."""
     session = session_of(scene, tmp_path / "out")
     session.clicks += scene.clicks()
@@ -130,7 +130,7 @@ def test_a_track_is_corrected_in_a_browser(scene, tmp_path):
     nose, tail = NAMES.index("nose"), NAMES.index("tail")
     before = session.found.pixels.uv_px.copy()
 
-    with shown(session) as address, chromium() as driver:
+    with shown(session) as address:
         driver.get(address)
         until(driver, "document.body.dataset.ready === '1'")
         body = driver.find_element("tag name", "body")
@@ -167,12 +167,6 @@ def test_a_track_is_corrected_in_a_browser(scene, tmp_path):
         until(driver, "document.body.dataset.settled === '7'")
     assert session.clicks == scene.clicks()
     assert np.nanmax(np.linalg.norm(session.found.pixels.uv_px - before, axis=-1)) < 0.1
-
-
-def requests_of(driver):
-    """Addresses that the page and what it holds asked for since the last time."""
-    log = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
-    return [m["params"]["request"]["url"] for m in log if m["method"] == "Network.requestWillBeSent"]
 
 
 def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
@@ -312,13 +306,13 @@ Promise.all(tries).then(done);
 """
 
 
-def test_another_page_in_the_browser_can_do_nothing(scene, tmp_path):
+def test_another_page_in_the_browser_can_do_nothing(scene, tmp_path, driver):
     """A page of another port that has got the token all the same: nothing is undone, no picture is shown there."""
     session = session_of(scene, tmp_path / "out")
     session.click(Click(camera=0, frame=0, marker=1, uv_px=(10.0, 20.0)))
     free = {"Content-Security-Policy": "default-src * 'unsafe-inline'"}
     other = page([Route("/", lambda _: HTMLResponse("<title>other</title><body></body>", headers=free))])
-    with shown(session) as address, served(other) as site, chromium() as driver:
+    with shown(session) as address, served(other) as site:
         driver.get(site.address)
         driver.set_script_timeout(60)
         found = driver.execute_async_script(TRIES, address)

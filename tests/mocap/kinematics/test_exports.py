@@ -68,7 +68,7 @@ def test_one_refused_export_leaves_the_others(tmp_path, monkeypatch):
     def refuse(*_):
         raise MocapError("no bones")
 
-    monkeypatch.setattr("mocap.results.tracked.write_osim", refuse)
+    monkeypatch.setattr("mocap.results.exports.osim_text", refuse)
     refused = result.write_kinematics(tmp_path, exports=["mat", "osim", "sto"], pictures=False)
     assert refused == ["osim: no bones"]
     assert (tmp_path / "kinematics.mat").exists()

@@ -101,7 +101,7 @@ class Headless:
         """A picture that stays the same, after the messages of the start have faded and the view is there."""
         for _ in range(self.throwaway):
             self.client.take_screenshot(max_size=32)
-        self.throwaway = 3
+        self.throwaway = 1
         same, last = 0, b""
         for _ in range(100):
             png = self.client.take_screenshot(view_id)

@@ -8,7 +8,8 @@ from browser import chromium, settled
 from rerun.chunk import RrdReader
 
 from mocap.rerun import palette, paths
-from tests.mocap.desk.test_session import client, requests_of, session_of, shown, until
+from tests.mocap.desk.conftest import requests_of
+from tests.mocap.desk.test_session import client, session_of, shown, until
 from tests.mocap.digitising.filmed import film
 
 

@@ -50,7 +50,7 @@ def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):
     """The state with its second coordinate turned round, an ellipse of 2 sd, arrows of a share of the scene."""
     write_recording(run, tmp_path / "a.rrd")
     (limb,) = run.limbs
-    path = paths.limb_map(limb.name)
+    path = f"{paths.child(paths.LIMBS, limb.name)}/map"
     frames, _, state = column(tmp_path / "a.rrd", f"{path}/now", "Points2D:positions")
     np.testing.assert_allclose(state, (limb.state * (1, -1))[frames], atol=1e-6)
     _, _, outline = column(tmp_path / "a.rrd", f"{path}/ellipse", "LineStrips2D:strips")
@@ -58,7 +58,7 @@ def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):
     reach = np.abs(outline - (limb.state * (1, -1))[:, None]).max(axis=1)
     np.testing.assert_allclose(reach[7], ELLIPSE_SD * np.array([0.6, 0.3]), atol=1e-3)
     np.testing.assert_allclose(reach[3], ELLIPSE_SD * 0.1, atol=1e-3)
-    _, counts, arrows = column(tmp_path / "a.rrd", paths.pull(limb.name), "Arrows3D:vectors")
+    _, counts, arrows = column(tmp_path / "a.rrd", paths.child(paths.PULL, limb.name), "Arrows3D:vectors")
     assert (counts <= 2).all()
     longest = np.linalg.norm(arrows, axis=1).max()
     assert longest == pytest.approx(REACH * make_layout(run).scene.radius_m, rel=0.05)

@@ -17,9 +17,8 @@ from vulkan import need_vulkan
 
 from mocap.records import Status
 from mocap.rerun import palette, paths
-from mocap.rerun.live import WAITING, LiveView, live_blueprint
+from mocap.rerun.live import LIVE, WAITING, LiveView, Session, live_blueprint, session
 from mocap.rerun.record import run_scene
-from mocap.rerun.watch import LIVE, Session, session
 from tests.mocap.rerun.headless import Headless
 
 
@@ -171,7 +170,7 @@ def test_a_viewer_that_was_closed_is_no_error_of_the_run(tmp_path, monkeypatch):
 
         def disconnect(self) -> None: ...
 
-    monkeypatch.setattr("mocap.rerun.watch.rr.RecordingStream", Closed)
+    monkeypatch.setattr("mocap.rerun.live.rr.RecordingStream", Closed)
     told = []
     Session("", told.append).show(tmp_path / "recording.rrd", "a")
     assert told == ["live: the whole recording is not shown: the viewer does not answer (gone)"]
@@ -179,7 +178,7 @@ def test_a_viewer_that_was_closed_is_no_error_of_the_run(tmp_path, monkeypatch):
 
 def test_a_session_without_a_screen_is_served_and_ends(monkeypatch):
     """On a computer without a screen a page is served, its address told; at the end nothing runs on."""
-    monkeypatch.setattr("mocap.rerun.watch.has_display", lambda *_: False)
+    monkeypatch.setattr("mocap.rerun.live.has_display", lambda *_: False)
     monkeypatch.setattr("webbrowser.open", lambda _: True)
     told = []
     with session(told.append) as (_, viewer):

@@ -150,7 +150,7 @@ def test_every_tab_is_shown_without_reports(viewer, tmp_path, n_cameras, n_joint
 
 
 JOINT = "L_elbow"
-SURFACE, HEAT_MAP, CLOUD = paths.surface(JOINT), paths.heat_map(JOINT), paths.volume(JOINT)
+SURFACE, HEAT_MAP, CLOUD = paths.joint(JOINT, "surface"), paths.joint(JOINT, "map"), paths.joint(JOINT, "volume")
 SHOWN = {
     "scene": (
         scene_view,
@@ -164,7 +164,10 @@ SHOWN = {
     "volume": (lambda x: volume_view(x, JOINT), [(f"{CLOUD}/potential", None)]),
     "spectrum": (
         lambda _: spectrum_view(JOINT),
-        [(f"{paths.spectrum(JOINT)}/dots", palette.SKY_BLUE), (f"{paths.spectrum(JOINT)}/lines", palette.ORANGE)],
+        [
+            (f"{paths.joint(JOINT, 'spectrum')}/dots", palette.SKY_BLUE),
+            (f"{paths.joint(JOINT, 'spectrum')}/lines", palette.ORANGE),
+        ],
     ),
     "gap map": (
         lambda _: gap_map_view(),
@@ -175,8 +178,8 @@ SHOWN = {
         [(f"{paths.RESIDUAL_MAP}/now", palette.WHITE), (f"{paths.RESIDUAL_MAP}/samples", (253, 231, 37))],
     ),
     "series": (
-        lambda _: series_view(f"{paths.joint_series(JOINT)}/potential", "V", legend=False),
-        [(f"{paths.joint_series(JOINT)}/potential/value", palette.ORANGE)],
+        lambda _: series_view(f"{paths.joint(JOINT, 'series')}/potential", "V", legend=False),
+        [(f"{paths.joint(JOINT, 'series')}/potential/value", palette.ORANGE)],
     ),
 }
 """For each kind of view what it shows, and the colour that nothing else in it has; None: any that is no ground."""

@@ -13,7 +13,7 @@ from mocap.cameras.camera import project, stacked
 from mocap.pipeline.potentials import joint_potentials
 from mocap.records import Status
 from mocap.rerun import palette, paths
-from mocap.rerun.energy import STIFFNESS
+from mocap.rerun.landscape import STIFFNESS
 from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.rerun.scene_views import WHISKER_SCALE
@@ -106,7 +106,7 @@ def test_logged_cameras_project_as_ours_do(run, rrd):
     xyz = run.xyz_m[20]
     pixels = project(stacked(run.cameras), xyz)
     for camera, expected in zip(run.cameras, pixels, strict=True):
-        path = paths.camera(camera.name)
+        path = paths.child(paths.CAMERAS, camera.name)
         position = column(rrd, path, "Transform3D:translation")[2][0]
         turn = Rotation.from_quat(column(rrd, path, "Transform3D:quaternion")[2][0])
         intrinsic = column(rrd, f"{path}/image", "Pinhole:image_from_camera")[2].reshape(3, 3).T
@@ -149,18 +149,18 @@ def test_joint_moves_on_its_potential(run, rrd):
     joints = run.joint_tracks["plane"]
     for j, name in enumerate(joints.names):
         potential, q_m = run.potentials[name], joints.q_m[:, j]
-        value = column(rrd, f"{paths.joint_series(name)}/potential/value", "Scalars:scalars")[2]
+        value = column(rrd, f"{paths.joint(name, 'series')}/potential/value", "Scalars:scalars")[2]
         known = np.isfinite(q_m).all(axis=1)
         assert np.isnan(value[~known]).all()
         expected = potential.potential.value(q_m[known] / potential.scale_m)
         np.testing.assert_allclose(value[known], expected, rtol=1e-12)
-        now = column(rrd, f"{paths.surface(name)}/now", "Points3D:positions")[2]
+        now = column(rrd, f"{paths.joint(name, 'surface')}/now", "Points3D:positions")[2]
         np.testing.assert_array_equal(now[:, :2], (q_m * 1000).astype(np.float32))
         land = make_layout(run).landscapes[name]
         # linear interpolation on the grid errs by cell^2 / 8 times the curvature, at most 4 beta in units of the scale
         error = (land.cell_mm / 1000 / potential.scale_m) ** 2 / 8 * 2 * 4 * 8.0
         np.testing.assert_allclose(now[known, 2] / land.height_mm - 0.015, expected, atol=error)
-        flat = column(rrd, f"{paths.heat_map(name)}/now", "Points2D:positions")[2]
+        flat = column(rrd, f"{paths.joint(name, 'map')}/now", "Points2D:positions")[2]
         np.testing.assert_array_equal(flat, (q_m * (1000, -1000)).astype(np.float32))
 
 
@@ -172,11 +172,11 @@ def test_potential_is_drawn_where_it_is(run, rrd):
     def value(xy_mm):
         return potential.potential.value(np.asarray(xy_mm, dtype=np.float64) / 1000 / potential.scale_m)
 
-    vertices = column(rrd, f"{paths.surface(name)}/potential", "Mesh3D:vertex_positions")[2]
+    vertices = column(rrd, f"{paths.joint(name, 'surface')}/potential", "Mesh3D:vertex_positions")[2]
     height_mm = make_layout(run).landscapes[name].height_mm
     # float32 coordinates move V by 1e-5 mm times its slope, which is below 1 a millimetre
     np.testing.assert_allclose(vertices[:, 2] / height_mm, value(vertices[:, :2]), atol=1e-5)
-    path = f"{paths.heat_map(name)}/potential"
+    path = f"{paths.joint(name, 'map')}/potential"
     x0, y0, _ = column(rrd, path, "Transform3D:translation")[2][0]
     cell, _, _ = column(rrd, path, "Transform3D:scale")[2][0]
     picture = column(rrd, path, "Image:buffer")[2]
@@ -191,7 +191,7 @@ def test_bound_is_the_energy_of_the_fastest_frame(run, rrd):
     """V(q0) + eps^2 |dq/dt|^2 / 2 where that is greatest, speed by differences; total = kinetic + potential."""
     joints = run.joint_tracks["plane"]
     for j, name in enumerate(joints.names):
-        series = paths.joint_series(name)
+        series = paths.joint(name, "series")
         q_m, t_s = joints.q_m[:, j], joints.t_s
         total, kinetic, held = column(rrd, f"{series}/energy", "Scalars:scalars")[2].reshape(-1, 3).T
         np.testing.assert_allclose(total, kinetic + held, rtol=1e-12)
@@ -209,14 +209,14 @@ def test_range_and_preferred_configurations(run, rrd):
     """On the white line V is a half; red samples are the half of least V, as the potential itself says."""
     name = "L_elbow"
     potential = run.potentials[name]
-    line = column(rrd, f"{paths.heat_map(name)}/range", "LineStrips2D:strips")[2].reshape(-1, 2) * (1, -1)
+    line = column(rrd, f"{paths.joint(name, 'map')}/range", "LineStrips2D:strips")[2].reshape(-1, 2) * (1, -1)
     at_line = potential.potential.value(line.astype(np.float64) / 1000 / potential.scale_m)
     land = make_layout(run).landscapes[name]
     # linear interpolation on the grid errs by cell^2 / 8 times the curvature, at most 4 beta in units of the scale
     error = (land.cell_mm / 1000 / potential.scale_m) ** 2 / 8 * 2 * 4 * 8.0
     np.testing.assert_allclose(at_line, 0.5, atol=error)
     at_samples = potential.potential.value(potential.samples_m / potential.scale_m)
-    colors = column(rrd, f"{paths.heat_map(name)}/samples", "Points2D:colors")[2]
+    colors = column(rrd, f"{paths.joint(name, 'map')}/samples", "Points2D:colors")[2]
     red = colors == int.from_bytes(bytes((*palette.VERMILLION, 255)))
     np.testing.assert_array_equal(red, at_samples <= np.median(at_samples))
 
@@ -227,12 +227,12 @@ def test_spectrum_is_that_of_the_gram_matrix(run, rrd):
     joint = run.potentials[name]
     z = joint.samples_m / joint.scale_m
     gram = np.exp(-8.0 * ((z[:, None] - z) ** 2).sum(axis=-1)) / len(z)
-    dots = column(rrd, f"{paths.spectrum(name)}/dots", "Points2D:positions")[2]
+    dots = column(rrd, f"{paths.joint(name, 'spectrum')}/dots", "Points2D:positions")[2]
     decades = 8 * dots[:, 1].astype(np.float64) / CHART_SIZE[1]
     expected = np.sort(np.linalg.eigvalsh(gram))[::-1][: len(decades)]
     large = expected > 1e-4  # a low-rank factor leaves out 1e-5
     np.testing.assert_allclose(10.0 ** -decades[large], expected[large], rtol=0.1)
-    lines = column(rrd, f"{paths.spectrum(name)}/lines", "LineStrips2D:strips")[2].reshape(-1, 2)
+    lines = column(rrd, f"{paths.joint(name, 'spectrum')}/lines", "LineStrips2D:strips")[2].reshape(-1, 2)
     np.testing.assert_allclose(8 * lines[-1, 1] / CHART_SIZE[1], 3.0, rtol=1e-6)  # lambda = 1e-3
 
 
@@ -242,7 +242,7 @@ def test_volume_is_the_potential_in_the_body(tmp_path):
     write_recording(run, rrd)
     name = "L_elbow"
     spatial = joint_potentials(run.joint_tracks["body"], run.tracks, run.skeleton)[name]
-    path = f"{paths.volume(name)}/potential"
+    path = f"{paths.joint(name, 'volume')}/potential"
     cell = column(rrd, path, "Volume3D:voxel_size")[2][0]
     corner = column(rrd, path, "Volume3D:translation")[2][0]
     cloud = make_layout(run).blocks[name]
@@ -252,7 +252,7 @@ def test_volume_is_the_potential_in_the_body(tmp_path):
         middle_m = (corner + cell * (np.array([i, j, k]) + 0.5)) / 1000
         expected = spatial.potential.value(middle_m / spatial.scale_m)
         assert cloud.value[k, j, i] == pytest.approx(expected, abs=1e-5)
-    now = column(rrd, f"{paths.volume(name)}/now", "Points3D:positions")[2]
+    now = column(rrd, f"{paths.joint(name, 'volume')}/now", "Points3D:positions")[2]
     np.testing.assert_array_equal(now, (run.joint_tracks["body"].q_m[:, 0] * 1000).astype(np.float32))
 
 

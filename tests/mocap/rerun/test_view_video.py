@@ -22,6 +22,9 @@ from mocap.rerun.record import write_recording
 from tests.mocap.rerun.headless import Headless
 
 N_FRAMES, SEEN = 24, 17
+GRID = np.mgrid[: SIZE_PX[1], : SIZE_PX[0]]
+DARK = np.full((48, 64, 3), 40, dtype=np.uint8)
+"""A small picture without a disc."""
 MAGENTA = (230, 20, 230)
 LENS = BrownLens(f_px=(1100.0, 1100.0), centre_px=(150.0, 120.0), k=(-0.35, 0.1, 0.0), p=(0.002, -0.001))
 
@@ -35,9 +38,10 @@ def bent_run(**options):
 def discs(uv_px):
     """(H, W, 3) what is filmed when markers are at recorded pixels (M, 2), rows downwards, counted from 1."""
     picture = np.full((SIZE_PX[1], SIZE_PX[0], 3), 40, dtype=np.uint8)
-    rows, columns = np.ogrid[: SIZE_PX[1], : SIZE_PX[0]]
     for u, v in uv_px - FIRST_PIXEL:
-        picture[(columns - u) ** 2 + (rows - v) ** 2 < 8**2] = MAGENTA
+        near = np.s_[max(0, int(v) - 9) : int(v) + 10, max(0, int(u) - 9) : int(u) + 10]
+        rows, columns = (grid[near] for grid in GRID)
+        picture[near][(columns - u) ** 2 + (rows - v) ** 2 < 8**2] = MAGENTA
     return picture
 
 
@@ -54,7 +58,8 @@ def film(path, pictures, coder):
 
 
 def _encode(container, coder, pictures, pix_fmt):
-    stream = container.add_stream(coder, rate=30, width=SIZE_PX[0], height=SIZE_PX[1], pix_fmt=pix_fmt)
+    height, width = pictures[0].shape[:2]
+    stream = container.add_stream(coder, rate=30, width=width, height=height, pix_fmt=pix_fmt)
     stream.time_base = Fraction(1, 30)
     stream.bit_rate = 40_000_000
     for picture in pictures:
@@ -129,7 +134,7 @@ def test_an_av1_film_is_taken_as_it_is(viewer, tmp_path):
 def test_frames_are_found_by_number(tmp_path):
     """Any increasing frames of a movie, with seeks over key frames, are those that were written; others are None."""
     level = (10 * np.arange(24)).astype(np.uint8)
-    pictures = [np.full((SIZE_PX[1], SIZE_PX[0], 3), v, dtype=np.uint8) for v in level]
+    pictures = [np.full_like(DARK, v) for v in level]
     for name, coder in (("a.mp4", "mpeg4"), ("folder", "png")):
         film(tmp_path / name, pictures, coder)
         movie = open_movie(tmp_path / name)
@@ -177,16 +182,16 @@ def test_coded_pictures_are_even_and_no_larger_than_shown():
 def test_a_folder_of_movies_is_sorted_by_number(tmp_path):
     """cam10 comes after cam2; a folder of pictures is one movie."""
     for name in ("cam10.mp4", "cam2.mp4"):
-        film(tmp_path / name, [discs(np.zeros((0, 2)))] * 2, "mpeg4")
+        film(tmp_path / name, [DARK] * 2, "mpeg4")
     assert [m.path.name for m in open_movies([tmp_path])] == ["cam2.mp4", "cam10.mp4"]
-    film(tmp_path / "cam3", [discs(np.zeros((0, 2)))] * 2, "png")
+    film(tmp_path / "cam3", [DARK] * 2, "png")
     assert [m.path.name for m in open_movies([tmp_path])] == ["cam2.mp4", "cam3", "cam10.mp4"]
     assert [m.n_frames for m in open_movies([tmp_path / "cam3"])] == [2]
 
 
 def test_no_more_than_a_frame_is_decoded_ahead(tmp_path):
     """Whoever takes one frame of a folder has one picture read: the others may be absent."""
-    film(tmp_path / "shots", [discs(np.zeros((0, 2)))] * 3, "png")
+    film(tmp_path / "shots", [DARK] * 3, "png")
     movie = open_movie(tmp_path / "shots")
     for path in movie.pictures[1:]:
         path.unlink()
@@ -208,8 +213,9 @@ def test_recordings_of_films_are_written_without_lens_too(tmp_path):
 def test_films_that_started_apart_are_shown_in_step(tmp_path):
     """A lag that was taken out of the tracks is taken out of the films: frame t of the tracks is t - late of a film."""
     run = bent_run()
+    run = replace(run, cameras=tuple(replace(camera, size_px=None) for camera in run.cameras))
     for name in ("a", "b"):
-        film(tmp_path / name, [np.full((SIZE_PX[1], SIZE_PX[0], 3), 40, dtype=np.uint8)] * N_FRAMES, "png")
+        film(tmp_path / name, [DARK] * N_FRAMES, "png")
     movies = open_movies([tmp_path / "a", tmp_path / "b"])
     shown = with_footage(
         replace(run, report={**run.report, "late_frames": [0.2, -7.4]}), movies, offsets=offsets_of(None, [3])

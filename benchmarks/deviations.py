@@ -28,11 +28,11 @@ import pandas as pd
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.datasets.bats import bat_motion
 from mocap.datasets.lizards import lizard_motion
+from mocap.datasets.real import folder
 from mocap.datasets.scene import Motion as SceneMotion
 from mocap.filters.velocities import Motion
 from numpy.typing import NDArray
 
-from benchmarks.calibration import FOLDER
 from eal.arrays import Z95, Array, true_runs
 from mocap.errors import CalibrationError
 from mocap.kinematics.compute import kinematics
@@ -249,7 +249,7 @@ def main() -> None:
     asked = [(animal, seed, frames) for animal in given.animals for seed in seeds]
     with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool:
         rows = [row for part in pool.map(simulated, *zip(*asked, strict=True)) for row in part]
-        flights = sorted((FOLDER / FLIGHTS).glob("*/*/*dvProject.mat"))[: 2 if given.quick else None]
+        flights = sorted((folder() / FLIGHTS).glob("*/*/*dvProject.mat"))[: 2 if given.quick else None]
         rows += [row for part in pool.map(real, flights) for row in part]
     table = pd.DataFrame(rows)
     given.out.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from eal.joint_design.errors import Mask
+from eal.joint_design.laws import Mask
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
 from eal.optional_jax import jax, jnp
 

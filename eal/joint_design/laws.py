@@ -7,16 +7,25 @@ E A / L at rest, in N/m.
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError, Law, Mask
 from eal.optional_jax import jax, jnp
 
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+Law = Literal["linear", "neo_hookean", "cable", "strut", "tape"]
 LAWS: tuple[str, ...] = get_args(Law)
 """In the order of the codes of ``law_codes``."""
+
+
+class DesignError(ValueError):
+    """A joint cannot be designed as asked; the message names the limit that binds."""
+
 
 TAPE_STRAIN = 0.15
 """Strain at which a tape spring's force peaks."""

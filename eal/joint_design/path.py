@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
 from eal.arrays import Array
 from eal.joint_design.equilibrium import Equilibria, equilibria
-from eal.joint_design.errors import Indices
+from eal.joint_design.laws import Indices
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss, truss_energy
 from eal.optional_jax import jax, jnp

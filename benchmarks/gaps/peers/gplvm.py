@@ -18,11 +18,10 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from benchmarks.gaps.method import Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.coordinates import Body, completed, learn_body
 from benchmarks.gaps.peers.edges import Blend
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentFiller, Regression, linear_dynamics, squared_distances
-from benchmarks.gaps.peers.poses import completed
 from eal.arrays import Array
 
 POSES = 200

@@ -15,11 +15,10 @@ from mocap.filters.whittaker import smooth_series
 from sklearn.manifold import LocallyLinearEmbedding
 
 from benchmarks.gaps.method import Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.coordinates import Body, completed, learn_body
 from benchmarks.gaps.peers.edges import Blend
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentFiller, Regression, linear_dynamics, regress
-from benchmarks.gaps.peers.poses import completed
 from eal.arrays import Array
 
 POSES = 300

@@ -151,8 +151,12 @@ def detect(
         views[camera] = BoardViews(size_px=next(iter(sizes)), corners=corners, missed=tuple(missed))
         progress(f"{camera}: board found in {len(corners)} of {len(source.labels)} pictures")
     if not any(v.corners for v in views.values()):
+        squares = f"{board.columns}x{board.rows}"
+        what = f"a checkerboard of {squares} inner corners"
+        if isinstance(board, Charuco):
+            what = f"a ChArUco board of {squares} squares with markers of {board.dictionary}"
         raise CalibrationError(
-            f"no picture shows {_describe(board)}: check the numbers (inner corners of a checkerboard, squares of a "
+            f"no picture shows {what}: check the numbers (inner corners of a checkerboard, squares of a "
             "ChArUco board) and the dictionary"
         )
     return board, views
@@ -160,9 +164,3 @@ def detect(
 
 def _some(count: int, n: int = 2) -> list[int]:
     return [round((i + 0.5) * count / n - 0.5) for i in range(min(n, count))]
-
-
-def _describe(board: Board) -> str:
-    if isinstance(board, Charuco):
-        return f"a ChArUco board of {board.columns}x{board.rows} squares with markers of {board.dictionary}"
-    return f"a checkerboard of {board.columns}x{board.rows} inner corners"

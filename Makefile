@@ -56,7 +56,7 @@ lint: setup
 	$(BIN)/pyright
 
 bench: setup
-	for name in triangulation ukf tracker_speed main_job calibration importers attack; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+	for name in tracker_speed main_job importers attack; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
 	$(BIN)/python -m docs.tools.view_pictures docs/pictures

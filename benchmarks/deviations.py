@@ -30,18 +30,20 @@ import pandas as pd
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.datasets.bats import bat_motion
 from mocap.datasets.lizards import lizard_motion
+from mocap.datasets.real import folder
+from mocap.datasets.scene import Motion as SceneMotion
 from mocap.filters.velocities import Motion
 from numpy.typing import NDArray
 
-from benchmarks.calibration import FOLDER
-from benchmarks.kinematics import EDGE, true_motion
 from eal.arrays import Z95, Array, true_runs
 from mocap.errors import CalibrationError
 from mocap.kinematics.compute import kinematics
+from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Rests
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
+from mocap.skeleton import Skeleton
 
 ANIMALS = {
     "bat": (make_bat, bat_motion),
@@ -50,6 +52,8 @@ ANIMALS = {
 }
 DARK = (10, 25, 50, 100)
 """Longest gap, in frames, of each kind of dark sample."""
+EDGE = 10
+"""Frames at both ends that are not scored."""
 FEWEST = 20
 """Cells of fewer values than this are left out."""
 GROUPS = {
@@ -62,6 +66,18 @@ GROUPS = {
     "stroke angle": ("stroke", ("stroke_deg", "deviation_deg")),
 }
 """Quantities of several markers: kind and ends of their names in ``kinematics.csv``."""
+
+
+def true_motion(scene: SceneMotion, motion: Motion, skeleton: Skeleton) -> Motion:
+    """The motion with true positions and velocities (central differences over 0.2 ms of a closed form)."""
+    t_s, step = motion.t_s, 1e-4
+    names = [name for name in motion.names if name in skeleton.markers]
+    weights = asked_for(names, skeleton, n_frames=len(t_s)).all_weights
+    x, later, before = (scene(t).xyz_m for t in (t_s, t_s + step, t_s - step))
+    v = (later - before) / (2 * step)
+    return replace(
+        motion, xyz_m=np.einsum("nm,tmi->tni", weights, x), velocity_m_s=np.einsum("nm,tmi->tni", weights, v)
+    )
 
 
 def kinds_of(rays: NDArray[np.int64]) -> dict[str, NDArray[np.bool_]]:
@@ -250,7 +266,7 @@ def main() -> None:
         for seed in seeds
         for animal in given.animals
     ]
-    flights = sorted((FOLDER / FLIGHTS).glob("*/*/*dvProject.mat"))[: 2 if given.quick else None]
+    flights = sorted((folder() / FLIGHTS).glob("*/*/*dvProject.mat"))[: 2 if given.quick else None]
     asked += [(given.out / f"{path.stem}.csv", partial(real, path)) for path in flights]
     with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool:
         table = pd.concat(pool.map(kept, *zip(*asked, strict=True)))

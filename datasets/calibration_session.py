@@ -7,12 +7,167 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from mocap.datasets.boards import Board, photograph, viewfinder
 from mocap.datasets.linkage import turn, unit
 from mocap.datasets.rig import picture_size
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 
 from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera, decompose, record
+
+_TEXELS = 80  # a square
+_GRID_PX = 8
+_SUPERSAMPLED = 3
+_WHITE, _BLACK, _BEHIND = 0.85, 0.06, 0.35  # share of light that comes back
+
+
+@dataclass(frozen=True, kw_only=True)
+class Board:
+    """A checkerboard, or a ChArUco board where ``marker_m`` is not 0.
+
+    Its axes lie in its plane, x along the columns and y down the rows as a viewer sees them, from the outer corner of
+    the first square; z points away from the viewer.
+
+    Attributes:
+        columns: Squares along x.
+        rows: Squares along y.
+        square_m: Side of a square.
+        marker_m: Side of a ChArUco marker, of the dictionary 4X4_50; 0: a plain checkerboard.
+    """
+
+    columns: int
+    rows: int
+    square_m: float
+    marker_m: float = 0.0
+
+    @property
+    def corners_m(self) -> Array:
+        """((columns - 1) (rows - 1), 3) inner corners, row by row, in the board's axes."""
+        x, y = np.meshgrid(np.arange(1.0, self.columns), np.arange(1.0, self.rows))
+        return self.square_m * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
+
+    @property
+    def options(self) -> str:
+        """What ``mocap calibrate images`` is told of it."""
+        if self.marker_m:
+            kind = f"--charuco {self.columns}x{self.rows} --marker-mm {1e3 * self.marker_m:g}"
+        else:
+            kind = f"--checkerboard {self.columns - 1}x{self.rows - 1}"
+        return f"{kind} --square-mm {1e3 * self.square_m:g}"
+
+    def texture(self) -> NDArray[np.float32]:
+        """Share of light that comes back, ``_TEXELS`` a square, with a white margin of one square all around."""
+        if self.marker_m:
+            dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+            drawn = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
+            white = drawn.generateImage((self.columns * _TEXELS, self.rows * _TEXELS), marginSize=0) > 127
+        else:
+            odd = np.add.outer(np.arange(self.rows), np.arange(self.columns)) % 2 == 1
+            white = np.kron(odd, np.ones((_TEXELS, _TEXELS), dtype=bool))
+        return np.pad(np.where(white, _WHITE, _BLACK), _TEXELS, constant_values=_WHITE).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Viewfinder:
+    """Which ideal pixel each recorded one shows: what is needed to draw through a lens.
+
+    Attributes:
+        camera: With size.
+        across: Ideal u over recorded (v, u).
+        down: Ideal v over recorded (v, u).
+    """
+
+    camera: Camera
+    across: RectBivariateSpline
+    down: RectBivariateSpline
+
+    def ideal(self, v_px: Array, u_px: Array) -> Array:
+        """(V, U, 2) ideal pixels on the grid of recorded rows (V,) and columns (U,)."""
+        return np.stack([self.across(v_px, u_px), self.down(v_px, u_px)], axis=-1)
+
+
+def viewfinder(camera: Camera) -> Viewfinder:
+    """Undistort a grid of 8 px and lay bicubic splines through it; they are right to 1e-4 px in the lenses here.
+
+    Raises:
+        ValueError: the camera has no size, or its lens shows the same direction twice within the picture.
+    """
+    u, v = (np.arange(-2.0 * _GRID_PX, n + 3 * _GRID_PX, _GRID_PX) for n in picture_size(camera))
+    recorded = np.stack(np.meshgrid(u, v), axis=-1)
+    ideal = recorded if camera.lens is None else camera.lens.undistort(recorded)
+    if not np.isfinite(ideal).all():
+        raise ValueError(f"camera {camera.name!r}: its lens has no inverse over all of the picture: weaken it")
+    return Viewfinder(
+        camera=camera,
+        across=RectBivariateSpline(v, u, ideal[..., 0]),
+        down=RectBivariateSpline(v, u, ideal[..., 1]),
+    )
+
+
+def photograph(
+    finder: Viewfinder,
+    board: Board,
+    texture: NDArray[np.float32],
+    *,
+    rotation: Array,
+    translation_m: Array,
+    rng: np.random.Generator,
+    blur_px: float,
+    noise: float,
+) -> NDArray[np.uint8] | None:
+    """An 8-bit grey picture of a board; every pixel is the mean of 3 x 3 rays, blurred, with noise.
+
+    Args:
+        finder: Of the camera.
+        board: The board.
+        texture: ``board.texture()``.
+        rotation: (3, 3) from the board's axes to the world's.
+        translation_m: (3,) the board's origin in the world.
+        rng: Source of the noise.
+        blur_px: Standard deviation of the blur.
+        noise: Standard deviation of the noise, in grey levels of 255.
+
+    Returns:
+        (height, width) grey levels; None where no part of the front of the board is in the picture.
+    """
+    camera = finder.camera
+    width, height = picture_size(camera)
+    plane = camera.matrix @ np.vstack([np.column_stack([rotation[:, :2], translation_m]), [0, 0, 1]])
+    if np.linalg.det(plane) <= 0:  # seen from behind
+        return None
+    scale = _TEXELS / board.square_m
+    from_ideal = np.array([[scale, 0, _TEXELS], [0, scale, _TEXELS], [0, 0, 1]]) @ np.linalg.inv(plane)
+
+    def texels(v_px: Array, u_px: Array) -> Array:
+        ideal = finder.ideal(v_px, u_px)
+        x, y, w = np.moveaxis(ideal @ from_ideal[:, :2].T + from_ideal[:, 2], -1, 0)
+        return np.where((w > 0)[..., None], np.stack([x, y], axis=-1) / w[..., None], -1e6)
+
+    u, v = np.arange(0.0, width, _GRID_PX), np.arange(0.0, height, _GRID_PX)
+    inside = ((coarse := texels(v, u)) > 0).all(axis=-1) & (coarse < texture.shape[::-1]).all(axis=-1)
+    if not inside.any():
+        return None
+    light = np.full((height, width), _BEHIND)
+    rows, columns = (np.flatnonzero(some) * _GRID_PX for some in (np.any(inside, axis=1), np.any(inside, axis=0)))
+    top, left = max(rows[0] - _GRID_PX, 0), max(columns[0] - _GRID_PX, 0)
+    bottom, right = min(rows[-1] + 2 * _GRID_PX, height), min(columns[-1] + 2 * _GRID_PX, width)
+    within = (np.arange(_SUPERSAMPLED) + 0.5) / _SUPERSAMPLED - 0.5
+    fine_v, fine_u = (np.add.outer(np.arange(a, b), within).ravel() for a, b in ((top, bottom), (left, right)))
+    x, y = np.moveaxis(texels(fine_v, fine_u) - 0.5, -1, 0).astype(np.float32)
+    drawn = cv2.remap(texture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(_BEHIND,))
+    blocks = drawn.reshape(bottom - top, _SUPERSAMPLED, right - left, _SUPERSAMPLED)
+    light[top:bottom, left:right] = blocks.mean(axis=(1, 3))
+    if blur_px > 0:
+        light = cv2.GaussianBlur(light, (0, 0), blur_px)
+    grey = 255 * light * _vignette(width, height) + noise * rng.standard_normal(light.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def _vignette(width: int, height: int) -> Array:
+    """(height, width) falling from 1 in the middle to 0.7 in the corners."""
+    v, u = np.linspace(-1, 1, height) ** 2, np.linspace(-1, 1, width) ** 2
+    return 1 - 0.15 * np.add.outer(v, u)
+
 
 _LEAST_COSINE = 0.3
 """A board is photographed where it faces a camera by 72 degrees or less."""

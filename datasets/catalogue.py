@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap.datasets.bats import bat_motion, make_bat, make_bat_wind_tunnel
-from mocap.datasets.boards import Board
-from mocap.datasets.calibration_session import board_session, write_board_session
+from mocap.datasets.calibration_session import Board, board_session, write_board_session
 from mocap.datasets.disturbances import ALL, CLEAN, Disturbances
 from mocap.datasets.folder import write_recording
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
-from mocap.datasets.gaps import gap_statistics
 from mocap.datasets.observe import Digitiser, click_noise, lost, misplace
 from mocap.datasets.occlusion import occluded
 from mocap.datasets.recording import SyntheticRecording
@@ -12,7 +11,7 @@ from mocap.datasets.rig import picture_size
 from mocap.datasets.scene import Motion, Scene, frame_times, start_times
 from numpy.typing import NDArray
 
-from eal.arrays import Array
+from eal.arrays import Array, true_runs
 from mocap.cameras.camera import Camera, record, stacked
 from mocap.records import PixelTracks
 
@@ -144,4 +143,23 @@ def _statistics(
         "share_seen_by_two_or_more": {
             name: round(float(share), 4) for name, share in zip(pixels.names, (counts >= 2).mean(axis=0), strict=True)
         },
+    }
+
+
+def gap_statistics(seen: NDArray[np.bool_]) -> dict:
+    """Share seen, and number and lengths of interior gaps, of (T, M) samples; ready for JSON."""
+    runs = [(m, stop - start, stop) for m, row in enumerate(~seen.T) for start, stop in true_runs(row) if start]
+    marker, length, stop = np.array(runs, dtype=np.intp).reshape(-1, 3).T
+    marker, length = marker[stop < len(seen)], length[stop < len(seen)]
+    medium = (length >= 10) & (length <= 60)
+    quantiles = np.quantile(length, [0.5, 0.9, 1.0]) if len(length) else np.zeros(3)
+    return {
+        "share_seen": round(float(seen.mean()), 4),
+        "interior_gaps": len(length),
+        "interior_gap_frames": int(length.sum()),
+        "gaps_10_to_60_frames": int(medium.sum()),
+        "markers_with_gaps_10_to_60_frames": len(np.unique(marker[medium])),
+        "gap_frames_median": float(quantiles[0]),
+        "gap_frames_90_percent": float(quantiles[1]),
+        "gap_frames_max": float(quantiles[2]),
     }

@@ -1,12 +1,12 @@
 """A lizard that walks up a rod, filmed by high-speed cameras around a tank."""
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from mocap.datasets.film import film
 from mocap.datasets.gait import Gait, Steps, steps
 from mocap.datasets.linkage import bent, rotated, turn
-from mocap.datasets.lizard_skeleton import LIMBS, MARKERS, extremities, lizard_skeleton
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.occlusion import Solid
 from mocap.datasets.recording import SyntheticRecording
@@ -15,6 +15,64 @@ from mocap.datasets.scene import Motion, Scene
 from mocap.datasets.wander import draw_wander, skin_motion
 
 from eal.arrays import Array
+from mocap.measures import JointAxes, Measures
+from mocap.skeleton import Skeleton
+
+AXIAL = ("snout", "head", "neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3")
+LIMBS = {"fore": ("shoulder", "elbow", "wrist", "hand"), "hind": ("hip", "knee", "ankle", "foot")}
+MARKERS = AXIAL + tuple(f"{name}_{side}" for limb in LIMBS.values() for side in "lr" for name in limb)
+TRUNK = ("neck", "spine", "shoulder_l", "shoulder_r")
+
+
+def lizard_skeleton() -> Skeleton:
+    """The lizard's skeleton; every bone is rigid."""
+    bones = [*pairwise(AXIAL), ("shoulder_l", "shoulder_r"), ("hip_l", "hip_r")]
+    chains = [AXIAL]
+    chains += [
+        (girdle, *(f"{name}_{side}" for name in LIMBS[limb]))
+        for side in "lr"
+        for girdle, limb in (("neck", "fore"), ("pelvis", "hind"))
+    ]
+    for chain in chains[1:]:
+        bones += pairwise(chain)
+    return Skeleton(
+        name="lizard",
+        markers=MARKERS,
+        bones=bones,
+        joints={triple[1]: triple for chain in chains for triple in zip(chain, chain[1:], chain[2:], strict=False)},
+        trunk=TRUNK,
+        max_speed_m_s=3.0,
+        measures=_measures(),
+    )
+
+
+def _measures() -> Measures:
+    """What a paper on locomotion reports."""
+    ahead = {"shoulder": ("spine", "neck"), "hip": ("pelvis", "spine")}
+    axes = {}
+    for limb, (root, middle, end, _) in LIMBS.items():
+        across = ("shoulder_r", "shoulder_l") if limb == "fore" else ("hip_r", "hip_l")
+        for side in "lr":
+            upper, lower = (f"{root}_{side}", f"{middle}_{side}"), (f"{middle}_{side}", f"{end}_{side}")
+            axes[upper[0]] = JointAxes(parent=(ahead[root], across), child=(upper, lower))
+    return Measures(
+        forward=("spine", "neck"),
+        left=("shoulder_r", "shoulder_l"),
+        axes=axes,
+        distances={"snout_vent": ("snout", "pelvis")},
+        feet=("hand_l", "foot_r", "hand_r", "foot_l"),
+        ground="rod",
+        chain=("neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3"),
+    )
+
+
+def extremities() -> tuple[tuple[str, ...], ...]:
+    """Sets of markers that are lost together: each hand, each foot, the end of the tail."""
+    return (
+        *((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("wrist", "hand"), ("ankle", "foot"))),
+        ("tail_2", "tail_3"),
+    )
+
 
 SLOPE_RAD = np.deg2rad(35)
 SPEED_M_S = 0.14

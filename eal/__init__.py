@@ -8,13 +8,13 @@ if TYPE_CHECKING:
     from eal.choice import Choice, choose
     from eal.comparison import Comparison, compare
     from eal.composite import CoordinateKernel, LinearKernel, ProductKernel, SumKernel
-    from eal.constraints import constrained_acceleration
     from eal.integrators import integrate_adaptive, simulate
     from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
     from eal.lagrangian import LagrangianSystem, PenalisedModel
     from eal.potential import EmpiricalPotential, fit_potential, load_potential, usual_kernel
     from eal.rotations import RotationKernel
     from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
+    from eal.systems import constrained_acceleration
 
 __all__ = [
     "Choice",
@@ -47,36 +47,20 @@ __all__ = [
     "usual_kernel",
 ]
 
-_PLACES = {
-    "Choice": "eal.choice",
-    "Comparison": "eal.comparison",
-    "CoordinateKernel": "eal.composite",
-    "EmpiricalPotential": "eal.potential",
-    "GaussianKernel": "eal.kernels",
-    "Kernel": "eal.kernels",
-    "LagrangianSystem": "eal.lagrangian",
-    "LaplaceKernel": "eal.kernels",
-    "LinearKernel": "eal.composite",
-    "Matern32Kernel": "eal.kernels",
-    "Matern52Kernel": "eal.kernels",
-    "PenalisedModel": "eal.lagrangian",
-    "ProductKernel": "eal.composite",
-    "Projection": "eal.spectral",
-    "RotationKernel": "eal.rotations",
-    "SpectralFilter": "eal.spectral",
-    "SumKernel": "eal.composite",
-    "Tail": "eal.spectral",
-    "Tikhonov": "eal.spectral",
-    "choose": "eal.choice",
-    "compare": "eal.comparison",
-    "constrained_acceleration": "eal.constraints",
-    "fit_potential": "eal.potential",
-    "integrate_adaptive": "eal.integrators",
-    "load_potential": "eal.potential",
-    "simulate": "eal.integrators",
-    "system_from_energies": "eal.autodiff",
-    "usual_kernel": "eal.potential",
+_NAMES = {
+    "eal.autodiff": "system_from_energies",
+    "eal.choice": "Choice choose",
+    "eal.comparison": "Comparison compare",
+    "eal.composite": "CoordinateKernel LinearKernel ProductKernel SumKernel",
+    "eal.systems": "constrained_acceleration",
+    "eal.integrators": "integrate_adaptive simulate",
+    "eal.kernels": "GaussianKernel Kernel LaplaceKernel Matern32Kernel Matern52Kernel",
+    "eal.lagrangian": "LagrangianSystem PenalisedModel",
+    "eal.potential": "EmpiricalPotential fit_potential load_potential usual_kernel",
+    "eal.rotations": "RotationKernel",
+    "eal.spectral": "Projection SpectralFilter Tail Tikhonov",
 }
+_PLACES = {name: place for place, names in _NAMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:

@@ -5,6 +5,7 @@ import os
 import tempfile
 import zipfile
 import zlib
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, get_args
@@ -124,28 +125,30 @@ def _radial() -> dict[str, type[Radial]]:
     return _RADIAL | {one.__name__: one for one in offered("eal.kernels", type).values()}
 
 
+_MADE: dict[str, type[Kernel]] = {
+    k.__name__: k for k in (SumKernel, ProductKernel, CoordinateKernel, LinearKernel, RotationKernel)
+}
+"""Kernels made of others."""
+
+
 def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
-    """A kernel as JSON types.
+    """A kernel as JSON types: its class as ``kind``, and its fields.
 
     Raises:
         TypeError: not a kernel of this package.
     """
-    kind = {"kind": type(kernel).__name__}
-    if isinstance(kernel, Radial) and kind["kind"] in _radial():
-        return kind | {"beta": kernel.beta}
-    if isinstance(kernel, SumKernel):
-        return kind | {"parts": [kernel_to_dict(k) for k in kernel.parts], "shares": list(kernel.shares)}
-    if isinstance(kernel, ProductKernel):
-        return kind | {"parts": [kernel_to_dict(k) for k in kernel.parts]}
-    if isinstance(kernel, CoordinateKernel):
-        scales = ["inf" if np.isinf(s) else s for s in kernel.scales]
-        return kind | {"kernel": kernel_to_dict(kernel.kernel), "scales": scales, "periods": list(kernel.periods)}
-    if isinstance(kernel, LinearKernel):
-        return kind | {"kernel": kernel_to_dict(kernel.kernel), "matrix": [list(row) for row in kernel.matrix]}
-    if isinstance(kernel, RotationKernel):
-        joints = {"freedoms": list(kernel.freedoms), "scales": list(kernel.scales)}
-        return kind | {"kernel": kernel_to_dict(kernel.kernel)} | joints
-    raise TypeError(f"{kind['kind']} is not a kernel of eal: it cannot be written to a file")
+    kind = type(kernel).__name__
+    if kind not in _radial() | _MADE or not is_dataclass(kernel):
+        raise TypeError(f"{kind} is not a kernel of eal: it cannot be written to a file")
+    return {"kind": kind} | {field.name: _to_json(getattr(kernel, field.name)) for field in fields(kernel)}
+
+
+def _to_json(value: Any) -> Any:
+    if isinstance(value, Kernel):
+        return kernel_to_dict(value)
+    if isinstance(value, tuple):
+        return [_to_json(one) for one in value]
+    return "inf" if value == np.inf else value
 
 
 def kernel_from_dict(stored: dict[str, Any]) -> Kernel:
@@ -154,18 +157,16 @@ def kernel_from_dict(stored: dict[str, Any]) -> Kernel:
     Raises:
         ArchiveError: unknown kind.
     """
-    kind = stored["kind"]
-    if kind in _radial():
-        return _radial()[kind](stored["beta"])
-    if kind == "SumKernel":
-        return SumKernel(tuple(map(kernel_from_dict, stored["parts"])), tuple(stored["shares"]))
-    if kind == "ProductKernel":
-        return ProductKernel(tuple(map(kernel_from_dict, stored["parts"])))
-    if kind == "CoordinateKernel":
-        scales = tuple(float(s) for s in stored["scales"])
-        return CoordinateKernel(kernel_from_dict(stored["kernel"]), scales, tuple(stored["periods"]))
-    if kind == "LinearKernel":
-        return LinearKernel(kernel_from_dict(stored["kernel"]), tuple(map(tuple, stored["matrix"])))
-    if kind == "RotationKernel":
-        return RotationKernel(kernel_from_dict(stored["kernel"]), tuple(stored["freedoms"]), tuple(stored["scales"]))
-    raise ArchiveError(f"unknown kernel {kind!r}: written by a newer version")
+    kind = (_radial() | _MADE).get(stored["kind"])
+    if kind is None:
+        raise ArchiveError(f"unknown kernel {stored['kind']!r}: written by a newer version")
+    names = [field.name for field in fields(kind)]  # pyright: ignore[reportArgumentType]
+    return kind(**{name: _from_json(stored[name]) for name in names})
+
+
+def _from_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return kernel_from_dict(value)
+    if isinstance(value, list):
+        return tuple(map(_from_json, value))
+    return float("inf") if value == "inf" else value

@@ -16,8 +16,8 @@ from scipy.special import stdtrit
 
 from eal.arrays import Array, points, read_only
 from eal.checks import checked_labels, checked_samples
+from eal.fitting import pivoted_cholesky
 from eal.kernels import Kernel
-from eal.lowrank import pivoted_cholesky
 from eal.plot import POINTS, grid_of, plot_comparison
 from eal.potential import usual_kernel
 

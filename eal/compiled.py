@@ -5,7 +5,6 @@ rounding.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -21,19 +20,6 @@ from eal.potential import EmpiricalPotential
 from eal.stack import PotentialStack
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CompiledRun:
-    """A trajectory, and the peaks of a monitor over every step of it.
-
-    Attributes:
-        trajectory: States kept, q and v of shape (T, L, n, d).
-        peaks: (T, L, n) largest monitor value up to each kept state, all steps counted.
-    """
-
-    trajectory: Trajectory
-    peaks: Array
-
-
 def simulate_compiled(
     system: LagrangianSystem,
     potentials: Sequence[EmpiricalPotential],
@@ -45,7 +31,7 @@ def simulate_compiled(
     h_s: float = 1e-4,
     every: int = 100,
     monitor: Callable[[Any], Any],
-) -> CompiledRun:
+) -> tuple[Trajectory, Array]:
     """Equation 7 for every pair of a potential and a 1/eps^2, by RK4.
 
     Args:
@@ -60,7 +46,8 @@ def simulate_compiled(
         monitor: A number >= 0 from (d,) configurations, written with operators or ``jax.numpy``.
 
     Returns:
-        The trajectories and the peaks of the monitor.
+        States kept, q and v of shape (T, L, n, d), and the largest value of the monitor up to each, (T, L, n), all
+        steps counted.
 
     Raises:
         ValueError: a kernel is not Gaussian.
@@ -91,7 +78,7 @@ def simulate_compiled(
     trajectory = Trajectory(t_s=np.arange(frames + 1, dtype=np.float64) * (every * h_s), q=q, v=v)
     for t_s, at in zip(trajectory.t_s, trajectory.q, strict=True):
         check_step(h_s, model, at, t_s=float(t_s))
-    return CompiledRun(trajectory=trajectory, peaks=peaks)
+    return trajectory, peaks
 
 
 @lru_cache(maxsize=32)

@@ -15,8 +15,6 @@ from eal import archive, evaluation, fitting
 from eal.arrays import Array, points, positive, read_only, short_repr
 from eal.checks import checked_covariances, checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.composite import LinearKernel
-from eal.findings import findings_of
-from eal.fitting import Root
 from eal.kernels import GaussianKernel, Kernel
 from eal.spectral import Projection, Scaling, SpectralFilter, Tail, effective_lambda
 from eal.threads import one_blas_thread
@@ -156,21 +154,63 @@ class EmpiricalPotential:
         """
         if isinstance(self.spectral_filter, Projection):
             raise ValueError("with_lambda cannot bring back modes that a projection has cut: use fit_potential")
-        total = float(self.weights.sum())
-        new = checked_lambda(lam, total, self.scaling)
-        ratio = self.spectral_filter.gain(self.eigenvalues, new) / self.spectral_filter.gain(
-            self.eigenvalues, self.sigma_lambda
-        )
-        root = Root(
-            centres=self.centres,
-            root=self.root * np.sqrt(ratio),
-            eigenvalues=self.eigenvalues,
-            missing=self.missing,
-            method=self.method,
-        )
-        changed = replace(self, lam=float(lam), root=root.root)
-        sentences = findings_of(self.samples, self.names, self.kernel, new, root, changed.error_bound)
-        return replace(changed, findings=sentences)
+        new = checked_lambda(lam, float(self.weights.sum()), self.scaling)
+        before, after = (self.spectral_filter.gain(self.eigenvalues, x) for x in (self.sigma_lambda, new))
+        return replace(self, lam=float(lam), root=self.root * np.sqrt(after / before)).judged()
+
+    def judged(self) -> "EmpiricalPotential":
+        """The same with its ``findings``: what in the samples or settings makes no sense, what it means, what to do."""
+        return replace(self, findings=self._findings())
+
+    def _findings(self) -> tuple[str, ...]:
+        z, names, sigma, sigma_lambda = self.samples, self.names, self.eigenvalues, self.sigma_lambda
+        n = len(z)
+        sentences = []
+        if n == 1:
+            return ("there is one sample: V is one minus the squared kernel about it, and knows no shape",)
+        ordered = z[np.lexsort(z.T)]
+        distinct = 1 + int(np.count_nonzero((ordered[1:] != ordered[:-1]).any(axis=1)))
+        if distinct < n:
+            sentences.append(
+                f"{n - distinct} of {n} samples repeat others: they add weight, not information (was a gap filled by "
+                "hold?)"
+            )
+        still = [name for name, spread in zip(names, np.ptp(z, axis=0), strict=True) if spread == 0.0]
+        if still:
+            sentences.append(
+                f"coordinate {', '.join(still)} never varies: V confines it to that value as tightly as the kernel is "
+                "wide"
+            )
+        if len(sigma) > 1 and sigma[0] > 1.0 - 1e-6 and distinct > 1:
+            sentences.append(
+                f"all samples lie within a small part of the kernel's width (first eigenvalue {sigma[0]:.7f}): V sees "
+                "one cluster; scale the coordinates up or take a larger beta"
+            )
+        if sigma[0] < 2.0 / n and n > 2:
+            sentences.append(
+                f"no two samples are near at the kernel's width (first eigenvalue {sigma[0]:.2g} of {n} samples): V is "
+                "a set of separate wells; scale the coordinates down, take a smaller beta or more samples"
+            )
+        elif float(np.minimum(sigma / sigma_lambda, 1.0).sum()) > 0.9 * distinct and n > 2:
+            sentences.append(
+                f"nearly every one of the {distinct} distinct samples is a mode of its own above lambda: V follows "
+                "each sample, noise included; take a larger lambda, a smaller beta or more samples"
+            )
+        if sigma[0] < sigma_lambda:
+            sentences.append(
+                f"lambda = {sigma_lambda:.2g} is above the first eigenvalue {sigma[0]:.2g}: V stays near 1 even on the "
+                "samples; take a smaller lambda"
+            )
+        if sigma_lambda < 1e-11:
+            sentences.append(f"lambda = {sigma_lambda:.2g} is near rounding: V on the samples has few correct digits")
+        if self.error_bound > 0.01 and self.method != "exact":
+            sentences.append(
+                f"V may be off by up to {self.error_bound:.2g} away from the samples ({self.method}, "
+                f"{len(self.centres)} centres): raise lambda or max_rank, or take method='exact'"
+            )
+        if not np.isfinite(self.kernel.curvature):
+            sentences.append("the kernel has a cusp: forces jump at the samples, and no explicit step is stable there")
+        return tuple(sentences)
 
     def save(self, path: Path | str) -> None:
         """Write to an ``.npz`` file with all settings; written to a temporary name and renamed when whole."""
@@ -268,7 +308,7 @@ def fit_potential(
             noise = a @ noise @ a.T
             found = fitting.deconvolved(inner, z @ a.T, noise, w, sigma_lambda, spectral_filter, **limits)
             found = replace(found, centres=np.linalg.solve(a, found.centres.T).T)
-    potential = EmpiricalPotential(
+    return EmpiricalPotential(
         kernel=kernel,
         lam=float(lam),
         spectral_filter=spectral_filter,
@@ -282,9 +322,7 @@ def fit_potential(
         method=found.method,
         names=labels,
         units=measures,
-    )
-    sentences = findings_of(z, labels, kernel, sigma_lambda, found, potential.error_bound)
-    return replace(potential, findings=sentences)
+    ).judged()
 
 
 def usual_kernel(samples: ArrayLike, *, width: float = USUAL_WIDTH, most: int = 500) -> GaussianKernel:

@@ -15,10 +15,8 @@ from scipy.linalg import solve_triangular
 
 from eal.arrays import Array, read_only
 from eal.checks import checked_labels, checked_lambda, checked_samples
-from eal.findings import findings_of
-from eal.fitting import Root
+from eal.fitting import pivoted_cholesky
 from eal.kernels import Kernel
-from eal.lowrank import pivoted_cholesky
 from eal.potential import EmpiricalPotential
 from eal.spectral import SpectralFilter, Tail
 
@@ -122,10 +120,8 @@ class PotentialSums:
         sigma, vectors = np.maximum(sigma[::-1], 0.0), vectors[:, ::-1]
         columns = vectors * np.sqrt(spectral_filter.response(sigma, sigma_lambda))
         root = solve_triangular(marks.corner, columns, lower=True, trans=1, check_finite=False)
-        missing = max(self.residual / self.total, float(np.finfo(np.float64).eps))
-        found = Root(centres=marks.centres, root=root, eigenvalues=sigma, missing=missing, method="cholesky")
         count = len(marks.centres)
-        potential = EmpiricalPotential(
+        return EmpiricalPotential(
             kernel=marks.kernel,
             lam=float(lam),
             spectral_filter=spectral_filter,
@@ -135,13 +131,11 @@ class PotentialSums:
             centres=marks.centres,
             root=root,
             eigenvalues=sigma,
-            missing=missing,
+            missing=max(self.residual / self.total, float(np.finfo(np.float64).eps)),
             method="cholesky",
             names=labels,
             units=measures,
-        )
-        sentences = findings_of(marks.centres, labels, marks.kernel, sigma_lambda, found, potential.error_bound)
-        return replace(potential, findings=sentences)
+        ).judged()
 
     def mean_value(self, potential: EmpiricalPotential) -> float:
         """Mean of V_z over these samples, of a potential with the same landmarks: 1 - tr(B^T C G C^T B) / N."""

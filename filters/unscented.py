@@ -22,8 +22,8 @@ class UnscentedKalmanFilter:
 
     The same scaled unscented transform (van der Merwe 2004) with the covariance as a sum of squares: it never turns
     indefinite. A step takes as long as filterpy's for 4 states, and a seventh of that for 204 states and 600 rows
-    (``python -m benchmarks.ukf``). Results agree to rounding. Rows of ``z`` that are NaN are missing: the others are
-    used.
+    (``docs/experiments/benchmarks.md``). Results agree to rounding. Rows of ``z`` that are NaN are missing: the others
+    are used.
 
     Attributes:
         x: (n,) mean.

@@ -27,8 +27,6 @@ SLOW = {
     "benchmarks/gaps/test_gap_run.py": 4,
     "benchmarks/gaps/test_gap_sets.py": 11,
     "benchmarks/gaps/test_peer_poses.py": 2,
-    "benchmarks/test_desk_clicks.py": 4,
-    "benchmarks/test_kinematics_peers.py": 6,
     "datasets/test_calibration_pictures.py": 6,
     "datasets/test_catalogue.py": 4,
     "datasets/test_disturbances.py": 4,

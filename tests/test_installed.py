@@ -24,7 +24,7 @@ PACKAGES, SHIPPED = ("mocap", "eal", "filters", "datasets"), (".py", ".toml", ".
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """The wheel, built from a copy of the sources and unpacked by pip into a folder of its own."""
+    """The wheel, built from a copy of the sources and unpacked into a folder of its own."""
     folder = tmp_path_factory.mktemp("wheel")
     wheels, target = folder / "wheels", folder / "site"
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
@@ -33,20 +33,23 @@ def installed(tmp_path_factory):
             continue
         (folder / "source" / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / "source" / name).write_bytes((ROOT / name).read_bytes())
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
-    subprocess.run([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", wheels, folder / "source"], check=True)
-    (wheel,) = wheels.iterdir()
-    subprocess.run([*pip, "install", "--no-deps", "--target", target, wheel], check=True)
+    zipfile.ZipFile(built("wheel", folder / "source", wheels)).extractall(target)
     return target
+
+
+def built(kind: str, source: Path, folder: Path) -> Path:
+    """A wheel, an editable one or a source distribution, as its builder makes it, without pip's own work."""
+    folder.mkdir()
+    command = f"import sys, setuptools.build_meta as b; b.build_{kind}(sys.argv[1])"
+    subprocess.run([sys.executable, "-c", command, folder], cwd=source, check=True, capture_output=True)
+    (made,) = folder.iterdir()
+    return made
 
 
 @pytest.fixture(scope="module")
 def sdist(installed):
     """The source distribution, built from the same copy."""
-    build = "from setuptools.build_meta import build_sdist; build_sdist('../sdist')"
-    subprocess.run([sys.executable, "-c", build], cwd=installed.parent / "source", check=True, capture_output=True)
-    (archive,) = (installed.parent / "sdist").iterdir()
-    return archive
+    return built("sdist", installed.parent / "source", installed.parent / "sdist")
 
 
 def run_there(installed: Path, cwd: Path, *words: str, first: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -157,20 +160,17 @@ def test_another_datasets_is_left_alone(installed, tmp_path):
 
     It is installed first, as Hugging Face's is in most environments, and ours is removed again by pip.
     """
-    source = tmp_path / "stub"
-    (source / "datasets").mkdir(parents=True)
-    (source / "datasets" / "__init__.py").write_text("OWNER = 'somebody else'\n")
-    (source / "pyproject.toml").write_text(
-        "[build-system]\nrequires = ['setuptools']\nbuild-backend = 'setuptools.build_meta'\n"
-        "[project]\nname = 'datasets'\nversion = '4.0'\n[tool.setuptools]\npackages = ['datasets']\n"
-    )
     python, pip = environment(tmp_path / "env")
-    tools = tmp_path / "tools"  # what the build needs, from the environment of the tests: no package index is asked
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", tools, source],
-        check=True,
-    )
-    (stub,) = tools.iterdir()
+    stub = tmp_path / "datasets-4.0-py3-none-any.whl"
+    files = {
+        "datasets/__init__.py": "OWNER = 'somebody else'\n",
+        "datasets-4.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: datasets\nVersion: 4.0\n",
+        "datasets-4.0.dist-info/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        "datasets-4.0.dist-info/RECORD": "datasets/__init__.py,,\ndatasets-4.0.dist-info/METADATA,,\n",
+    }
+    with zipfile.ZipFile(stub, "w") as archive:
+        for name, text in files.items():
+            archive.writestr(name, text)
     (wheel,) = (installed.parent / "wheels").iterdir()
     subprocess.run([*pip, "install", "--no-deps", "--no-index", stub], check=True)
     ask = [python, "-c", "import datasets; print(datasets.OWNER)"]
@@ -185,17 +185,13 @@ def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(ins
     """As a packager of another system has it, and who develops with it from a folder elsewhere, with its resources."""
     folder = installed.parent
     python, pip = environment(tmp_path / "env")
-    built = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*built, "-w", tmp_path / "again", sdist], cwd=tmp_path, check=True)
-    (wheel,), (again,) = (folder / "wheels").iterdir(), (tmp_path / "again").iterdir()
+    with tarfile.open(sdist) as files:
+        files.extractall(tmp_path / "unpacked", filter="data")
+    (unpacked,) = (tmp_path / "unpacked").iterdir()
+    (wheel,), again = (folder / "wheels").iterdir(), built("wheel", unpacked, tmp_path / "again")
     with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(again) as other:
         assert {e.filename: e.CRC for e in one.infolist()} == {e.filename: e.CRC for e in other.infolist()}
-    make = "import sys, setuptools.build_meta as b; b.build_editable(sys.argv[1])"
-    (tmp_path / "editable").mkdir()
-    subprocess.run(
-        [sys.executable, "-c", make, tmp_path / "editable"], cwd=folder / "source", check=True, capture_output=True
-    )
-    (editable,) = (tmp_path / "editable").iterdir()
+    editable = built("editable", folder / "source", tmp_path / "editable")
     subprocess.run([*pip, "install", "--no-deps", "--no-index", editable], check=True)
     script = (
         "from importlib.resources import files; import mocap; from importlib.util import find_spec as find\n"

@@ -174,7 +174,7 @@ def showing(files: Path) -> list[Case]:
     joint = sorted(path.stem for path in (folder / "potentials").iterdir())[0]
     asked = f"design-joint {folder} --joint {joint} --out OUT --force --starts 1 --members 4 --no-solid".split()
     kept = files / "design"
-    keep = {"mocap.joint_design.write.write_design": lambda design, *_, **__: kept.write_bytes(pickle.dumps(design))}
+    keep = {"mocap.joint_design.report.write_design": lambda design, *_, **__: kept.write_bytes(pickle.dumps(design))}
     _, said = forked(
         Case("", tuple(asked), patches=keep), files / "joint", files / "log"
     )  # in a child: JAX starts threads

@@ -23,7 +23,6 @@ from benchmarks.gaps.comparison import as_lines, comparison, overall
 from benchmarks.gaps.method import needs_film
 from benchmarks.gaps.oracle import EalOracle
 from benchmarks.gaps.ours import alone, ours
-from benchmarks.gaps.peers import released
 from benchmarks.gaps.registry import methods
 from benchmarks.gaps.sets import FILMED, SETS, size
 from benchmarks.gaps.table import FOLDS, against_best, as_sentence, as_text, pooled, ratios, summary
@@ -40,7 +39,7 @@ def main() -> int:
     parser.add_argument(
         "--methods",
         nargs="+",
-        help="names; default: all; with --quick without released tools, and parts of EAL alone",
+        help="names; default: all; with --quick without parts of EAL alone",
     )
     parser.add_argument("--seeds", type=int, help="number of seeds (3)")
     parser.add_argument("--folds", type=int, help="trials of each set that are left out, at most (all)")
@@ -53,8 +52,7 @@ def main() -> int:
     unknown = sorted(set(args.methods or []) - set(known))
     if unknown:
         parser.error(f"no method {', '.join(unknown)}; there are {', '.join(known)}")
-    # released tools start a process for each fill
-    slow = {method.name for method in [*released.peers(), *alone()]} if args.quick else set()
+    slow = {method.name for method in alone()} if args.quick else set()
     chosen = [name for name in known if (name in args.methods if args.methods else name not in slow)]
     extent = QUICK if args.quick else Extent()
     if args.seeds:

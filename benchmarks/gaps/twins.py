@@ -8,8 +8,7 @@ import numpy as np
 from mocap.datasets.bat_skeleton import bat_skeleton
 from mocap.datasets.bats import Manoeuvre, bat_motion
 from mocap.datasets.film import film
-from mocap.datasets.lizard_skeleton import lizard_skeleton
-from mocap.datasets.lizards import SLOPE_RAD, lizard_motion
+from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, lizard_skeleton
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
 from mocap.datasets.scene import Motion, Scene

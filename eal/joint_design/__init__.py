@@ -2,7 +2,7 @@
 
 from eal.joint_design.design import GOAL, Design, design_truss
 from eal.joint_design.equilibrium import Equilibria, equilibria
-from eal.joint_design.errors import DesignError, Law
+from eal.joint_design.laws import DesignError, Law
 from eal.joint_design.limits import Limits
 from eal.joint_design.measures import LEVELS, Fit, Tolerance, measure, potential_doubt, tolerance_study
 from eal.joint_design.path import Followed, Snap, follow, over_grid

@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError
 from eal.joint_design.ground import candidates, fixed_nodes, sparse, with_members
-from eal.joint_design.internal import crossings, with_internal_node
-from eal.joint_design.laws import energy_and_slope
+from eal.joint_design.laws import DesignError, Law, Mask, energy_and_slope
 from eal.joint_design.limits import Limits, broken
 from eal.joint_design.measures import measure, overlap
 from eal.joint_design.path import over_grid
@@ -17,6 +15,70 @@ from eal.joint_design.refine import refine
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss
 from eal.threads import one_blas_thread
+
+_BRACE = 0.3
+"""Stiffness of a new brace over that of the member that it holds."""
+
+
+def with_internal_node(truss: Truss, target: Target, rng: np.random.Generator) -> Truss:
+    """A member to the moving point in two halves of twice its stiffness, their joint braced to another fixed node.
+
+    Only where the brace pulls sideways does the energy change much: two halves in series are as stiff as the whole.
+
+    Args:
+        truss: A truss with at least two members to the moving point.
+        target: The region; its deepest point is where the brace is at rest.
+        rng: Chooses the member, by stiffness, and the brace.
+    """
+    direct = [i for i, (a, b) in enumerate(truss.ends) if a < truss.moving and b == truss.moving]
+    weight = truss.stiffness_n_m[direct] + 1e-12
+    opened = int(rng.choice(direct, p=weight / weight.sum()))
+    anchor = int(truss.ends[opened, 0])
+    brace = int(rng.choice([a for a in range(truss.moving) if a != anchor]))
+    deepest = target.q[np.argmin(target.v)]
+    place = 0.5 * (truss.fixed_m[anchor] + deepest)
+    node = truss.moving + 1 + len(truss.internal_m)
+    ends, rest, stiffness = (np.array(part) for part in (truss.ends, truss.rest_m, truss.stiffness_n_m))
+    ends[opened] = (anchor, node)
+    rest[opened] *= 0.5
+    stiffness[opened] *= 2.0
+    law: Law = "linear" if truss.laws[opened] in ("cable", "strut") else truss.laws[opened]
+    laws = tuple(law if i == opened else name for i, name in enumerate(truss.laws))
+    return replace(
+        truss,
+        internal_m=np.concatenate([truss.internal_m, place[None]]),
+        ends=np.concatenate([ends, [[node, truss.moving], [brace, node]]]),
+        rest_m=np.append(rest, [rest[opened], np.linalg.norm(truss.fixed_m[brace] - place)]),
+        stiffness_n_m=np.append(stiffness, [stiffness[opened], _BRACE * stiffness[opened]]),
+        laws=(*laws, laws[opened], "linear"),
+    )
+
+
+def crossings(truss: Truss, target: Target) -> int:
+    """Pairs of members that cross at some point of the region; members of one node, and those in space, do not."""
+    if truss.dimension != 2 or not truss.internal_m.size:
+        return 0
+    states = over_grid(truss, target)
+    inside = target.inside
+    q, x = states.q_m[inside], states.x_m[inside]
+    nodes = np.concatenate([np.broadcast_to(truss.fixed_m, (len(q), *truss.fixed_m.shape)), q[:, None], x], axis=1)
+    count = 0
+    for i, (a, b) in enumerate(truss.ends):
+        for c, d in truss.ends[:i]:
+            if len({a, b, c, d}) == 4:
+                count += bool(_cross(nodes[:, a], nodes[:, b], nodes[:, c], nodes[:, d]).any())
+    return count
+
+
+def _cross(a: Array, b: Array, c: Array, d: Array) -> Mask:
+    """(n,) whether segments a-b and c-d cross: each separates the other's ends."""
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        u, w = q - p, r - p
+        return u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
+
+    return (side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)
+
 
 Progress = Callable[[float], None]
 
@@ -90,55 +152,43 @@ def design_truss(
         raise DesignError("mirrored pairs of members cannot have internal nodes: give `internal` or `symmetric`")
     if 2 * internal + 2 > limits.members:
         raise DesignError(f"{internal} internal nodes need {2 * internal + 2} members, but members is {limits.members}")
-    with one_blas_thread():  # the same on any number of cores
-        return _designs(target, limits, rng, starts, internal, mirror, may_cross, progress)
-
-
-def _designs(
-    target: Target,
-    limits: Limits,
-    rng: np.random.Generator,
-    starts: int,
-    internal: int,
-    mirror: Array | None,
-    may_cross: bool,
-    progress: Progress,
-) -> list[Design]:
-    """See ``design_truss``."""
     found: list[tuple[Truss, float]] = []
     crossed, rounds = 0, 1 if internal else _ROUNDS
-    for start in range(starts):
-        nodes = fixed_nodes(target, limits, rng, mirror=mirror, lines=_LINES[target.q.shape[1]])
-        offered = candidates(target, limits, nodes, mirror=mirror)
-        alpha = float(np.exp(rng.uniform(*np.log(_ALPHAS))))
-        for i in range(rounds):
-            truss, stored = sparse(target, offered, most=limits.members - 2 * internal, alpha=alpha)
-            for _ in range(internal):
-                truss = with_internal_node(truss, target, rng)
-            truss, stored = refine(target, truss, stored, limits, mirror=mirror, evaluations=_EVALUATIONS)
-            progress((start + (i + 1) / rounds) / starts)
-            if not may_cross and crossings(truss, target):
-                crossed += 1
-                continue
-            found.append((_without_idle(truss, target), stored))
-            if i + 1 < rounds:
-                offered = with_members(target, offered, truss)
-    if not found:
-        raise DesignError(f"members cross in all {crossed} designs: ask for fewer internal nodes, or let them cross")
-    fits = [measure(truss, stored, target) for truss, stored in found]
-    designs = [
-        Design(truss=truss, stored=stored, rms=fit.rms) for (truss, stored), fit in zip(found, fits, strict=True)
-    ]
-    best = int(np.argmin([fit.rms for fit in fits]))
-    if fits[best].iou[1] < _WORST_OVERLAP:
-        raise DesignError(_what_binds(target, limits, fits[best].iou[1], mirror))
-    broken_by = [_broken_limit(design.truss, target, limits) for design in designs]
-    kept = [design for design, why in zip(designs, broken_by, strict=True) if why is None]
-    if not kept:
-        raise DesignError(str(broken_by[best]))
-    least = min(design.rms for design in kept)
-    good = max(min((1.0 + _AS_GOOD) * least, GOAL), least)
-    return sorted(kept, key=lambda d: (d.rms > good, len(d.truss.rest_m) if d.rms <= good else 0, d.rms))
+    with one_blas_thread():  # the same on any number of cores
+        for start in range(starts):
+            nodes = fixed_nodes(target, limits, rng, mirror=mirror, lines=_LINES[target.q.shape[1]])
+            offered = candidates(target, limits, nodes, mirror=mirror)
+            alpha = float(np.exp(rng.uniform(*np.log(_ALPHAS))))
+            for i in range(rounds):
+                truss, stored = sparse(target, offered, most=limits.members - 2 * internal, alpha=alpha)
+                for _ in range(internal):
+                    truss = with_internal_node(truss, target, rng)
+                truss, stored = refine(target, truss, stored, limits, mirror=mirror, evaluations=_EVALUATIONS)
+                progress((start + (i + 1) / rounds) / starts)
+                if not may_cross and crossings(truss, target):
+                    crossed += 1
+                    continue
+                found.append((_without_idle(truss, target), stored))
+                if i + 1 < rounds:
+                    offered = with_members(target, offered, truss)
+        if not found:
+            raise DesignError(
+                f"members cross in all {crossed} designs: ask for fewer internal nodes, or let them cross"
+            )
+        fits = [measure(truss, stored, target) for truss, stored in found]
+        designs = [
+            Design(truss=truss, stored=stored, rms=fit.rms) for (truss, stored), fit in zip(found, fits, strict=True)
+        ]
+        best = int(np.argmin([fit.rms for fit in fits]))
+        if fits[best].iou[1] < _WORST_OVERLAP:
+            raise DesignError(_what_binds(target, limits, fits[best].iou[1], mirror))
+        broken_by = [_broken_limit(design.truss, target, limits) for design in designs]
+        kept = [design for design, why in zip(designs, broken_by, strict=True) if why is None]
+        if not kept:
+            raise DesignError(str(broken_by[best]))
+        least = min(design.rms for design in kept)
+        good = max(min((1.0 + _AS_GOOD) * least, GOAL), least)
+        return sorted(kept, key=lambda d: (d.rms > good, len(d.truss.rest_m) if d.rms <= good else 0, d.rms))
 
 
 def _without_idle(truss: Truss, target: Target) -> Truss:

@@ -5,13 +5,12 @@ is the Schur complement E_qq - E_qx E_xx^-1 E_xq.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from eal.arrays import Array
-from eal.joint_design.errors import Mask
+from eal.joint_design.laws import Mask
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
 from eal.optional_jax import jax, jnp
 
@@ -62,7 +61,7 @@ def equilibria(truss: Truss, q_m: Array, x_m: Array | None = None) -> Equilibria
     n, m = len(q), len(truss.rest_m)
     full = truss.padded(-(-m // _MEMBERS) * _MEMBERS, -(-truss.moving // _MEMBERS) * _MEMBERS)
     with jax.enable_x64(True):
-        found = _solver()(_filled(q), _filled(start), full.parameters())
+        found = _solver(_filled(q), _filled(start), full.parameters())
     x, energy, force, stiffness, stable, stretch, step = (np.asarray(part)[:n] for part in found)
     return Equilibria(
         q_m=q,
@@ -139,6 +138,4 @@ def _state(q: Any, x0: Any, p: dict[str, Any]) -> tuple[Any, ...]:
     return x, energy(q, flat), force, stiffness, stable, member_lengths(q, x, p) / p["rest"], step
 
 
-@lru_cache(maxsize=1)
-def _solver() -> Any:
-    return jax.jit(jax.vmap(_state, in_axes=(0, 0, None)))
+_solver = jax.jit(jax.vmap(_state, in_axes=(0, 0, None)))

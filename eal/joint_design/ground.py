@@ -14,8 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError, Law
-from eal.joint_design.laws import energy_and_slope
+from eal.joint_design.laws import DesignError, Law, energy_and_slope
 from eal.joint_design.limits import Limits, broken
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss

@@ -6,17 +6,25 @@ E A / L at rest, in N/m.
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError, Law, Mask
 from eal.optional_jax import jax, jnp
 
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+Law = Literal["linear", "neo_hookean", "cable", "strut", "tape"]
 LAWS: tuple[str, ...] = get_args(Law)
 """In the order of the codes of ``law_codes``."""
+
+
+class DesignError(ValueError):
+    """A joint cannot be designed as asked; the message names the limit that binds."""
+
 
 TAPE_STRAIN = 0.15
 """Strain at which a tape spring's force peaks."""
@@ -87,14 +95,12 @@ def energy_and_slope(stretch: Array, laws: Sequence[Law]) -> tuple[Array, Array]
     codes = np.broadcast_to(law_codes(tuple(laws)), stretch.shape).ravel()
     more = (1 << max(len(flat) - 1, 0).bit_length()) - len(flat)
     with jax.enable_x64(True):
-        both = _energy_and_slope()(np.append(flat, np.ones(more)), np.append(codes, np.zeros(more)))
+        both = _energy_and_slope(np.append(flat, np.ones(more)), np.append(codes, np.zeros(more)))
         w, slope = (np.asarray(part)[: len(flat)].reshape(stretch.shape) for part in both)
     return w, slope
 
 
-@lru_cache(maxsize=1)
-def _energy_and_slope() -> Any:
-    return jax.jit(jax.vmap(jax.value_and_grad(member_energy)))
+_energy_and_slope = jax.jit(jax.vmap(jax.value_and_grad(member_energy)))
 
 
 def law_codes(laws: tuple[Law, ...]) -> Array:

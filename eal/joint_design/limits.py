@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError, Law
-from eal.joint_design.laws import pulls, pushes
+from eal.joint_design.laws import DesignError, Law, pulls, pushes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,6 @@
 """Following an equilibrium while the moving point travels: where a branch ends, the truss snaps, and that is found."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
 from eal.arrays import Array
 from eal.joint_design.equilibrium import Equilibria, equilibria
-from eal.joint_design.errors import Indices
+from eal.joint_design.laws import Indices
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss, truss_energy
 from eal.optional_jax import jax, jnp
@@ -82,12 +81,11 @@ def follow(truss: Truss, path_m: Array, x_m: Array | None = None) -> Followed:
 
 def _segment(truss: Truss, q0: Array, q1: Array, x: Array, number: int) -> tuple[Array, list[Snap]]:
     p, size = truss.parameters(), float(truss.rest_m.max())
-    corrected = _corrector()
     share, step, snaps = 0.0, 1.0, []
     while share < 1.0:
         step = min(step, 1.0 - share)
         q, way = q0 + share * (q1 - q0), step * (q1 - q0)
-        guess, new, error, softest = (np.asarray(part) for part in corrected(q, way, x, p))
+        guess, new, error, softest = (np.asarray(part) for part in _predicted(q, way, x, p))
         close = np.abs(new - guess).max() <= 0.2 * np.abs(guess - x).max() + 1e-6 * size
         if error <= 1e-9 * size and softest > 0.0 and close:
             x, share, step = new, share + step, 2.0 * step
@@ -103,7 +101,7 @@ def _segment(truss: Truss, q0: Array, q1: Array, x: Array, number: int) -> tuple
 
 
 def _fall(truss: Truss, q: Array, x: Array, p: dict[str, Any], size: float) -> tuple[Array, float]:
-    softest = np.asarray(_softest()(q, x, p)).reshape(x.shape)
+    softest = np.asarray(_softest(q, x, p)).reshape(x.shape)
     pushed = np.stack([x + _KICK * size * softest, x - _KICK * size * softest])
     ends = equilibria(truss, np.stack([q, q]), pushed)
     best = int(np.argmin(ends.energy_j))
@@ -156,6 +154,7 @@ def _valleys(target: Target) -> tuple[Indices, Indices]:
     return order, parent
 
 
+@jax.jit
 def _predicted(q: Any, way: Any, x: Any, p: dict[str, Any]) -> tuple[Any, ...]:
     """Tangent prediction from (q, x) to q + way, corrected; with the last step and the smallest eigenvalue."""
 
@@ -177,15 +176,7 @@ def _predicted(q: Any, way: Any, x: Any, p: dict[str, Any]) -> tuple[Any, ...]:
     return guess.reshape(x.shape), new.reshape(x.shape), error, softest
 
 
-@lru_cache(maxsize=1)
-def _corrector() -> Any:
-    return jax.jit(_predicted)
-
-
-@lru_cache(maxsize=1)
-def _softest() -> Any:
-    def vector(q: Any, x: Any, p: dict[str, Any]) -> Any:
-        hessian = jax.hessian(lambda flat: truss_energy(q, flat.reshape(x.shape), p))(x.reshape(-1))
-        return jnp.linalg.eigh(hessian)[1][:, 0]
-
-    return jax.jit(vector)
+@jax.jit
+def _softest(q: Any, x: Any, p: dict[str, Any]) -> Any:
+    hessian = jax.hessian(lambda flat: truss_energy(q, flat.reshape(x.shape), p))(x.reshape(-1))
+    return jnp.linalg.eigh(hessian)[1][:, 0]

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from eal.arrays import Array
 from eal.integrators import simulate
 from eal.joint_design.equilibrium import Equilibria, equilibria
-from eal.joint_design.errors import Indices
+from eal.joint_design.laws import Indices
 from eal.joint_design.truss import Truss, truss_energy
 from eal.lagrangian import AnalyticPenalty, PenalisedModel, Penalty
 from eal.optional_jax import jax, jnp

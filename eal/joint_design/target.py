@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError, Mask
+from eal.joint_design.laws import DesignError, Mask
 
 Value = Callable[[Array], Array]
 

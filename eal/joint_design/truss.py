@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array, read_only
-from eal.joint_design.errors import DesignError, Indices, Law, Mask
-from eal.joint_design.laws import energy_and_slope, law_codes, member_energy
+from eal.joint_design.laws import DesignError, Indices, Law, Mask, energy_and_slope, law_codes, member_energy
 from eal.optional_jax import jnp
 
 

@@ -75,7 +75,8 @@ class Checkerboard:
         if not found:
             return None
         grid = np.reshape(np.asarray(uv, dtype=float), (self.rows, self.columns, 2))
-        near = int(np.clip(0.45 * _spacing(grid), 2, 15))
+        spacing = min(np.linalg.norm(np.diff(grid, axis=a), axis=-1).min() for a in (0, 1))
+        near = int(np.clip(0.45 * spacing, 2, 15))
         stop = (cv2.TERM_CRITERIA_MAX_ITER | cv2.TERM_CRITERIA_EPS, 50, 1e-3)
         uv = cv2.cornerSubPix(picture, np.asarray(uv, np.float32), (near, near), (-1, -1), stop)
         grid = np.reshape(np.asarray(uv, dtype=float), (self.rows, self.columns, 2))
@@ -92,10 +93,6 @@ class Checkerboard:
 
         columns, rows = 2 * ((self.columns - 1) // 2), 2 * ((self.rows - 1) // 2)  # as many dark as light ones
         return sum((-1) ** (c + r) * shade(c, r) for r in range(rows) for c in range(columns)) > 0
-
-
-def _spacing(grid: Array) -> float:
-    return float(min(np.linalg.norm(np.diff(grid, axis=a), axis=-1).min() for a in (0, 1)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,13 +1,109 @@
 """Relative poses of cameras from boards that pairs of them saw; the pairs only need to form a chain."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.calibration.rig import turned_rad
+from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
+
+FEWEST_POINTS = 8
+
+
+def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tuple[list[Array], Array]:
+    """Stands of cameras up to scale, and the points.
+
+    The pair that starts is the one whose essential matrix (Nister 2004) explains most points that it sees from
+    directions far enough apart; each further camera is placed by the points that the others gave (``solvePnP`` in
+    RANSAC).
+
+    Args:
+        xy: (C, P, 2) normalised ideal coordinates; NaN where not seen.
+        names: Of the cameras.
+        f_px: Focal lengths, to which tolerances of some pixels are scaled.
+
+    Returns:
+        (C) transforms (4, 4) of the axes of the first pair's first camera to each camera's, and (P, 3) points in those
+        axes; NaN where fewer than two cameras saw one.
+
+    Raises:
+        CalibrationError: too few points in common.
+    """
+    n = len(xy)
+    seen: NDArray[np.bool_] = ~np.isnan(xy[..., 0])
+    tries = [
+        pair
+        for i in range(n)
+        for j in range(i + 1, n)
+        if np.count_nonzero(seen[i] & seen[j]) >= FEWEST_POINTS
+        and (pair := _pair(xy, seen[i] & seen[j], i, j, 5 / min(f_px[i], f_px[j]))) is not None
+    ]
+    if not tries:
+        raise CalibrationError(
+            f"no two cameras share {FEWEST_POINTS} points that determine their relative position: film the wand "
+            "where views overlap"
+        )
+    _, i, j, T = max(tries, key=lambda t: t[0])
+    found: dict[int, Array] = {i: np.eye(4), j: T}
+    while len(found) < n:
+        points = _points(found, xy)
+        known = np.isfinite(points[:, 0])
+        counts = {c: int(np.count_nonzero(seen[c] & known)) for c in range(n) if c not in found}
+        c = max(counts, key=lambda c: counts[c])
+        if counts[c] < 6:
+            raise CalibrationError(
+                f"camera {names[c]!r} shares {counts[c]} points with the others and needs 6: film the wand in its "
+                "view again"
+            )
+        found[c] = _placed(points, xy[c], seen[c] & known, 8 / f_px[c], names[c])
+    return [found[c] for c in range(n)], _points(found, xy)
+
+
+def _pair(xy: Array, both: NDArray[np.bool_], i: int, j: int, near: float) -> tuple[float, int, int, Array] | None:
+    a, b = np.ascontiguousarray(xy[i, both]), np.ascontiguousarray(xy[j, both])
+    essential, inlier = cv2.findEssentialMat(a, b, np.eye(3), cv2.RANSAC, 0.9999, near)
+    if essential is None or essential.shape != (3, 3):
+        return None
+    count, rotation, shift, kept, _ = cv2.recoverPose(essential, a, b, np.eye(3), distanceThresh=1e6, mask=inlier)
+    if count < FEWEST_POINTS:
+        return None
+    good = np.ravel(kept) > 0
+    rays = np.concatenate([a, np.ones((len(a), 1))], axis=1), np.concatenate([b, np.ones((len(b), 1))], axis=1)
+    first, second = (r / np.linalg.norm(r, axis=1)[:, None] for r in rays)
+    angle = np.arccos(np.clip(np.sum((first @ np.asarray(rotation).T) * second, axis=1), -1, 1))
+    wide = float(np.median(angle[good]))
+    return (
+        count * min(1.0, wide / 0.3),
+        i,
+        j,
+        rigid(np.asarray(rotation, dtype=float), np.ravel(np.asarray(shift, dtype=float))),
+    )
+
+
+def _points(found: dict[int, Array], xy: Array) -> Array:
+    cameras = sorted(found)
+    matrices = np.stack([found[c][:3] for c in cameras])
+    points = linear(matrices, xy[cameras])
+    depth = np.einsum("cj,pj->cp", matrices[:, 2, :3], np.nan_to_num(points)) + matrices[:, 2, 3:]
+    behind = (np.isfinite(xy[cameras]).all(axis=-1) & (depth <= 0)).any(axis=0)
+    return np.where(behind[:, None], np.nan, points)
+
+
+def _placed(points: Array, xy: Array, at: NDArray[np.bool_], near: float, name: str) -> Array:
+    found, rvec, tvec, _ = cv2.solvePnPRansac(
+        points[at], np.ascontiguousarray(xy[at]), np.eye(3), None, reprojectionError=near, iterationsCount=2000
+    )
+    if not found:
+        raise CalibrationError(
+            f"camera {name!r} cannot be located from the points that the other cameras determine: check its lens "
+            "and its points"
+        )
+    return rigid(np.asarray(cv2.Rodrigues(rvec)[0], dtype=float), np.ravel(np.asarray(tvec, dtype=float)))
+
 
 _TELLING = 4
 _AGREEING = 0.5
@@ -17,21 +113,6 @@ Seen = Mapping[tuple[int, str], Array]
 """By camera and instant: (4, 4) board axes to camera axes."""
 
 
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """The relative pose of two cameras.
-
-    Attributes:
-        T_second_from_first: (4, 4).
-        stems: Instants that agree with it.
-        common: Number of instants that both saw.
-    """
-
-    T_second_from_first: Array
-    stems: tuple[str, ...]
-    common: int
-
-
 def rigid(rotation: Array, translation: Array) -> Array:
     """(4, 4) transform."""
     T = np.eye(4)
@@ -39,8 +120,8 @@ def rigid(rotation: Array, translation: Array) -> Array:
     return T
 
 
-def pair_of(seen: Seen, first: int, second: int, turn: Array | None) -> Pair | None:
-    """The relative pose of two cameras on which most of their common frames agree; None where they share none.
+def pair_of(seen: Seen, first: int, second: int, turn: Array | None) -> tuple[Array, int, int] | None:
+    """The relative pose (4, 4), second from first, on which most common instants of two cameras agree.
 
     Two stands agree where they differ by less than a tenth of a radian, and in place by less than a tenth of the
     board's distance.
@@ -50,6 +131,9 @@ def pair_of(seen: Seen, first: int, second: int, turn: Array | None) -> Pair | N
         first: A camera.
         second: Another.
         turn: (4, 4) board axes turned by 180 degrees, for boards that look the same so; None for others.
+
+    Returns:
+        The pose, the number of instants that agree with it and of all that both saw; None where they share none.
     """
     stems = [s for c, s in seen if c == first and (second, s) in seen]
     turns = [np.eye(4)] if turn is None else [np.eye(4), turn]
@@ -70,7 +154,7 @@ def pair_of(seen: Seen, first: int, second: int, turn: Array | None) -> Pair | N
         if best is None or score > fewest:
             best, fewest = (candidate, agree), score
     assert best is not None
-    return Pair(best[0], tuple(s for s, a in zip(stems, best[1], strict=True) if a), len(stems))
+    return best[0], int(best[1].sum()), len(stems)
 
 
 def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]:
@@ -83,7 +167,7 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
     pairs = {(i, j): p for i in range(n) for j in range(n) if i != j and (p := pair_of(seen, i, j, turn)) is not None}
     found: dict[int, Array] = {0: np.eye(4)}
     while len(found) < n:
-        edges = [(len(p.stems), -i, -j) for (i, j), p in pairs.items() if i in found and j not in found]
+        edges = [(agree, -i, -j) for (i, j), (_, agree, _) in pairs.items() if i in found and j not in found]
         if not edges:
             lost = ", ".join(repr(names[i]) for i in range(n) if i not in found)
             rest = ", ".join(repr(names[i]) for i in sorted(found))
@@ -92,13 +176,13 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
                 "see it, or give pictures taken at the same time the same name"
             )
         _, i, j = max(edges)
-        best = pairs[-i, -j]
-        if best.common >= _TELLING and len(best.stems) < _AGREEING * best.common:
+        pose, agree, common = pairs[-i, -j]
+        if common >= _TELLING and agree < _AGREEING * common:
             raise CalibrationError(
                 f"the boards of one name do not fit one scene: not of one instant? {names[-i]!r} and {names[-j]!r} "
-                f"share {best.common} names, and at most {len(best.stems)} of them agree on how the cameras stand: if "
+                f"share {common} names, and at most {agree} of them agree on how the cameras stand: if "
                 "each camera's pictures were taken by themselves, use mocap calibrate lenses, then mocap calibrate "
                 "places; else give pictures taken at the same time the same name"
             )
-        found[-j] = pairs[-i, -j].T_second_from_first @ found[-i]
+        found[-j] = pose @ found[-i]
     return [found[i] for i in range(n)]

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust, camera_rms
-from mocap.calibration.chain import rigid
+from mocap.calibration.chain import first_stands, rigid
 from mocap.calibration.distinct import CLICK_PX, distinct
-from mocap.calibration.first_look import first_stands
 from mocap.calibration.rig import RigCamera, in_world
 from mocap.calibration.scene import Adjusted, Free, Lengths, Scene, Sightings, point_scene
 from mocap.cameras.camera import Camera, stacked, undistorted

@@ -139,9 +139,8 @@ def design_joint(
     from mocap.io.output import result_folder
     from mocap.joint_design.design import Wish
     from mocap.joint_design.design import design_joint as shape_joint
-    from mocap.joint_design.report import readable, report
+    from mocap.joint_design.report import readable, report, write_design
     from mocap.joint_design.source import read_source
-    from mocap.joint_design.write import write_design
     from mocap.rerun.log_truss import write_truss_recording
     from mocap.stages import Stages
 

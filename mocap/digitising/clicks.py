@@ -37,25 +37,6 @@ class Click:
     uv_px: tuple[float, float] | None
 
 
-def pixels_of(
-    clicks: Iterable[Click], *, names: Sequence[str], cameras: Sequence[str], n_frames: int, fps: float
-) -> PixelTracks:
-    """Clicks as the table that DLTdv has; of several at one place the last counts."""
-    uv_px = np.full((len(cameras), n_frames, len(names), 2), np.nan)
-    for click in clicks:
-        uv_px[click.camera, click.frame, click.marker] = np.nan if click.uv_px is None else click.uv_px
-    return PixelTracks(names=tuple(names), cameras=tuple(cameras), t_s=np.arange(n_frames) / fps, uv_px=uv_px)
-
-
-def clicks_of(pixels: PixelTracks) -> list[Click]:
-    """The samples of a table of pixels as clicks."""
-    return [
-        Click(camera=int(c), frame=int(t), marker=int(m), uv_px=(float(u), float(v)))
-        for c, t, m in np.argwhere(pixels.seen)
-        for u, v in [pixels.uv_px[c, t, m]]
-    ]
-
-
 def read_clicks(path: Path, skeleton: Skeleton, *, n_cameras: int, n_frames: int) -> list[Click]:
     """Clicks of any file of pixels that mocap knows (DLTdv's xypts, a project, ...).
 
@@ -70,33 +51,32 @@ def read_clicks(path: Path, skeleton: Skeleton, *, n_cameras: int, n_frames: int
     if len(pixels.cameras) != n_cameras:
         raise FormatError(f"{path.name}: clicks of {len(pixels.cameras)} cameras for {n_cameras} films")
     names = skeleton.renamed(pixels.names)
-    known = [(i, skeleton.markers.index(name)) for i, name in enumerate(names) if name in skeleton.markers]
+    known = {i: skeleton.markers.index(name) for i, name in enumerate(names) if name in skeleton.markers}
     if not known:
         raise FormatError(
             f"{path.name}: its markers ({', '.join(names[:5])}, ...) are not in the skeleton "
             f"({', '.join(skeleton.markers[:5])}, ...): correct the names, or map them under [aliases]"
         )
-    frames = np.asarray(contents.frames) - 1
     out = []
-    for click in clicks_of(pixels):
-        marker = dict(known).get(click.marker)
-        if marker is None:
+    for camera, row, column in np.argwhere(pixels.seen):
+        if column not in known:
             continue
-        frame = int(frames[click.frame])
+        frame, (u, v) = int(contents.frames[row]) - 1, pixels.uv_px[camera, row, column]
         if frame >= n_frames:
             raise FormatError(
                 f"{path.name}: frame {frame + 1} is clicked, but the films have {n_frames} frames in step: check "
                 "`offset_frames`, and that the clicks belong to these films"
             )
-        out.append(Click(camera=click.camera, frame=frame, marker=marker, uv_px=click.uv_px))
+        out.append(Click(camera=int(camera), frame=frame, marker=known[column], uv_px=(float(u), float(v))))
     return out
 
 
 def write_clicks(
     path: Path, clicks: Iterable[Click], *, names: Sequence[str], cameras: Sequence[str], n_frames: int, fps: float
 ) -> None:
-    """Write clicks as DLTdv's ``xypts.csv``, of all frames."""
-    write_pixels(path, pixels_of(clicks, names=names, cameras=cameras, n_frames=n_frames, fps=fps))
+    """Write clicks as DLTdv's ``xypts.csv``, of all frames; of several at one place the last counts."""
+    uv_px, t_s = places(clicks, (len(cameras), n_frames, len(names))), np.arange(n_frames) / fps
+    write_pixels(path, PixelTracks(names=tuple(names), cameras=tuple(cameras), t_s=t_s, uv_px=uv_px))
 
 
 def write_unseen(path: Path, clicks: Iterable[Click]) -> None:

@@ -99,14 +99,14 @@ class Digitised:
         Raises:
             MocapError: there are no such markers or frames.
         """
-        pair = (self._marker(a), self._marker(b))
+        pair = [self._marker(a), self._marker(b)]
         uv_px = self.pixels.uv_px
         return [
-            _by_hand(camera, frame, marker, uv_px[camera, frame, other])
+            Click(camera=camera, frame=frame, marker=marker, uv_px=None if np.isnan(u) else (float(u), float(v)))
             for frame in self._range(first, last)
             for camera in range(len(uv_px))
-            for marker, other in (pair, pair[::-1])
-            if np.isfinite(uv_px[camera, frame, list(pair), 0]).any()
+            for marker, (u, v) in zip(pair, uv_px[camera, frame, pair[::-1]], strict=True)
+            if np.isfinite(uv_px[camera, frame, pair, 0]).any()
         ]
 
     def deleted(self, marker: str, first: int, last: int, *, camera: int | None = None) -> list[Click]:
@@ -158,11 +158,6 @@ class Digitised:
     def write(self, folder: Path, *, most: int = 40) -> None:
         """Write the files of ``save`` into a folder that ``mocap.io.output.result_folder`` gives."""
         write_digitised(folder, self.engine, self.pixels, self.points, self.report, self.questions(most))
-
-
-def _by_hand(camera: int, frame: int, marker: int, uv_px: Array) -> Click:
-    place = (float(uv_px[0]), float(uv_px[1])) if np.isfinite(uv_px).all() else None
-    return Click(camera=camera, frame=frame, marker=marker, uv_px=place)
 
 
 def digitise(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
-from mocap.digitising.clicks import Click
+from mocap.digitising.clicks import Click, places
 from mocap.digitising.dots import DotLook, Grey, Strength, find_dots, look_of, strength_of
 from mocap.digitising.errors import RayErrors, ray_errors, stated
 from mocap.digitising.films import Films, grey_levels
@@ -182,10 +182,8 @@ class Engine:
 
     def _clicked(self, frame: int) -> Array:
         """(C, M, 2) places that were clicked in a frame; NaN: none."""
-        out = np.full((len(self.cameras), len(self.names), 2), np.nan)
-        for click in self.by_frame.get(frame, ()):
-            out[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
-        return out
+        clicks = [replace(click, frame=0) for click in self.by_frame.get(frame, ())]
+        return places(clicks, (len(self.cameras), 1, len(self.names)))[:, 0]
 
     def _barred(self, frame: int) -> NDArray[np.bool_] | None:
         """(C, M) where a marker is not to be seen, as a person said; None: nowhere."""

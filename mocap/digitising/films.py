@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 
@@ -221,7 +221,11 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
     found = _misfit(cameras, uv_px[:, both])
     if not found > _MISFIT * sd_px:
         return
-    orders = list(permutations(range(len(cameras)))) if len(cameras) <= _MOST_CAMERAS else _swaps(len(cameras))
+    every = range(len(cameras))
+    if len(every) <= _MOST_CAMERAS:
+        orders = list(permutations(every))
+    else:
+        orders = [tuple({i: j, j: i}.get(k, k) for k in every) for i, j in combinations(every, 2)]
     tried = [(_misfit([cameras[i] for i in order], uv_px[:, both]), order) for order in orders]
     best, order = min((misfit, order) for misfit, order in tried if np.isfinite(misfit))
     if best < min(_MISFIT * sd_px, 0.3 * found):
@@ -235,16 +239,6 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
         f"the cameras by less than {best:.1f}: check that it is the calibration of these films, that they are in step "
         "(`offset_frames`), and that the clicks count rows from the upper left corner"
     )
-
-
-def _swaps(n: int) -> list[tuple[int, ...]]:
-    out = []
-    for i in range(n):
-        for j in range(i + 1, n):
-            order = list(range(n))
-            order[i], order[j] = j, i
-            out.append(tuple(order))
-    return out
 
 
 def _misfit(cameras: Sequence[Camera], uv_px: Array) -> float:

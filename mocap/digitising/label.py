@@ -1,5 +1,6 @@
 """Names for unlabelled trajectories in space, from poses of the same kind of animal."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -284,26 +285,25 @@ class _State:
 
     def fits(self, segment: int, marker: int, guesses: dict[tuple[int, int], tuple[Array, Array]]) -> bool:
         """Whether the segment lies where the marker may be."""
-        s = self.segments[segment]
-        found = []
+        away = self.off(segment, marker, lambda frame: self.guess(frame, guesses))
+        return away is not None and away < GATE
+
+    def off(self, segment: int, marker: int, guess: Callable[[int], tuple[Array, Array] | None]) -> float | None:
+        """Median squared distance of a segment from where the marker is guessed, in variances; None: nothing tells."""
+        s, found = self.segments[segment], []
         for frame in np.unique(np.linspace(s.first, s.last, _SAMPLES).astype(int)).tolist():
-            guess = self.guess(frame, guesses)
-            if guess is not None:
-                away = self.xyz[frame, s.column] - guess[0][marker]
-                found.append(float(away @ np.linalg.solve(guess[1][marker], away)))
-        return bool(found) and float(np.median(found)) < GATE
+            if (guessed := guess(frame)) is not None:
+                away = self.xyz[frame, s.column] - guessed[0][marker]
+                found.append(float(away @ np.linalg.solve(guessed[1][marker], away)))
+        return float(np.median(found)) if found else None
 
     def check(self) -> None:
         """Take back the names of segments that do not fit the pose given all others."""
         for i in np.flatnonzero(self.marker >= 0).tolist():
-            s, marker = self.segments[i], self.marker[i]
-            found = []
-            for frame in np.unique(np.linspace(s.first, s.last, _SAMPLES).astype(int)).tolist():
-                others = self.owner[frame] >= 0
-                others[marker] = False
-                guess = self.poses.given(np.nan_to_num(self.at[frame]), others)
-                if guess is not None:
-                    away = self.xyz[frame, s.column] - guess[0][marker]
-                    found.append(float(away @ np.linalg.solve(guess[1][marker], away)))
-            if found and float(np.median(found)) > 1.5 * GATE:
+            marker, every = self.marker[i], np.arange(len(self.poses.mean))
+
+            def by_others(frame: int, others: NDArray[np.bool_] = every != marker) -> tuple[Array, Array] | None:
+                return self.poses.given(np.nan_to_num(self.at[frame]), (self.owner[frame] >= 0) & others)
+
+            if (self.off(i, marker, by_others) or 0.0) > 1.5 * GATE:
                 self.unname(i)

@@ -137,14 +137,9 @@ def _fitted(points: Array, body: NDArray[np.bool_], rank: int, least_sd_m: float
         y[frame] = (points[frame] - shift) @ rotation
     rank = max(1, min(rank, len(y) // 4))
     found = principal_components(y.reshape(len(y), -1), rank, iterations=15)
-    loading = (found.loading @ _root(found.scores)).reshape(*shape_of(y), rank)
+    loading = (found.loading @ _root(found.scores)).reshape(*y.shape[1:], rank)
     noise = max(2.0 * found.noise, least_sd_m**2)
     return PoseGaussian(found.mean.reshape(-1, 3), loading, noise, np.full(points.shape[1], noise), body)
-
-
-def shape_of(y: Array) -> tuple[int, int]:
-    """(M, 3) of poses (T, M, 3)."""
-    return y.shape[1], y.shape[2]
 
 
 def _root(scores: Array) -> Array:

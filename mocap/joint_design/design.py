@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eal.arrays import Array
-from eal.correlation import effective_sample_size
 from eal.joint_design import (
     Design,
     DesignError,
@@ -28,11 +27,11 @@ from eal.joint_design import (
     tolerance_study,
     truss_penalty,
 )
+from eal.radius import effective_sample_size
 from mocap.joint_design.flexure import MM, Printing, all_forms, energy_range, shaped
 from mocap.joint_design.material import MakeError
-from mocap.joint_design.solid import Kit, make_kit
+from mocap.joint_design.solid import Kit, make_kit, stacked
 from mocap.joint_design.source import JointSource
-from mocap.joint_design.stacking import stacked
 
 FINE = 10_000
 """Points of the grid on which a design is judged."""

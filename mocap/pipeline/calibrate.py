@@ -10,10 +10,9 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Board
-from mocap.calibration.detect import detect
+from mocap.calibration.detect import detect, pictures_of
 from mocap.calibration.dlt import CHECKED_FROM, fit_dlt
 from mocap.calibration.intrinsics import CHOICES
-from mocap.calibration.pictures import pictures_of
 from mocap.calibration.refine import Bone, refine_cameras
 from mocap.calibration.rig import RigCamera, in_world, rig_lens, upside_down
 from mocap.calibration.wand import MOVES, WandCalibration, calibrate_wand

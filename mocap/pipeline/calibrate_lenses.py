@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.calibration.boards import Board, Corners
-from mocap.calibration.detect import BoardViews, Pictures, detect, of_files
+from mocap.calibration.detect import KINDS, BoardViews, Pictures, detect, of_files, pictures_of
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, without_ray
-from mocap.calibration.pictures import KINDS, pictures_of
 from mocap.cameras.known_lens import KnownLens
 from mocap.errors import CalibrationError
 from mocap.io.movies import FILMS, Movie, open_movie

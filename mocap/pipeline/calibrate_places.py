@@ -8,8 +8,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.board_rig import UP
 from mocap.calibration.boards import Board
-from mocap.calibration.detect import detect, of_files
-from mocap.calibration.pictures import KINDS
+from mocap.calibration.detect import KINDS, detect, of_files
 from mocap.calibration.places import Place, place_cameras
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.known_lens import KnownLens

@@ -9,8 +9,7 @@ from mocap.datasets.bats import make_bat
 from mocap.datasets.lizards import make_lizard
 from mocap.datasets.recording import SyntheticRecording
 from mocap.reproduce.record import Figure, judged
-from mocap.reproduce.settings import DELTA_M, N
-from mocap.reproduce.sweep import Experiment, planar, spherical
+from mocap.reproduce.sweep import DELTA_M, Experiment, N, planar, spherical
 
 SERIES = ("#0072B2", "#D55E00", "#009E73", "0.35")
 """Blue, vermillion and green of Okabe & Ito 2008, and grey."""

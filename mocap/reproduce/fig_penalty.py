@@ -5,20 +5,26 @@ from dataclasses import replace
 
 import numpy as np
 
+from eal.arrays import Array
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce.draw import Curve, log_log
 from mocap.reproduce.record import Figure, Verdict, judged
-from mocap.reproduce.settings import (
+from mocap.reproduce.sweep import (
     CONSTRAINT,
     DELTA_M,
     PENALTY,
     SPHERE,
+    Experiment,
     N,
     against_penalty,
     error_table,
+    errors,
     noisy_errors,
+    over_lambda,
+    planar,
+    slope,
+    spherical,
 )
-from mocap.reproduce.sweep import errors, over_lambda, planar, slope, spherical
 
 _REST_SLOPE = "The constraint violation is bounded by at least the same order of ε guaranteed in Eq. 34 (slope -1/2)."
 _PLATEAU = "As λ decreases, more information from V_ρ is retained and the limit on accuracy gets smaller accordingly."
@@ -108,15 +114,34 @@ def figure_14a(*, quick: bool) -> Figure:
     )
 
 
+def _noisy(
+    experiment: Experiment, lams: Array, penalties: Array, seeds: int
+) -> tuple[tuple[Array, Array], Array, Array]:
+    """Errors (lambda, penalty, seed) of noisy samples, their plateaus (lambda,), and those of exact samples."""
+    found = noisy_errors(experiment, lams, penalties, seeds)
+    exact, _ = errors(experiment, over_lambda(experiment.samples(N), experiment.kernel, lams), penalties[-1:])
+    return found, np.median(found[0][:, -1], axis=1), exact[0, :, 0]
+
+
+def _levels_off(name: str, i: int, plateaus: Array, exact: Array, more: str = "") -> Verdict:
+    """Of noisy plateaus from the i-th lambda, 1e-(i + 2), to the next."""
+    return judged(
+        name,
+        _NOISE,
+        f"from lambda = 1e-{i + 2} to 1e-{i + 3} the plateau no longer falls tenfold, but by less than the root of it",
+        f"ratio {plateaus[i] / plateaus[i + 1]:.2f}, without noise {exact[i] / exact[i + 1]:.2f}{more}",
+        lambda heights: heights[i] / heights[i + 1] < np.sqrt(10.0),
+        plateaus,
+        control="samples without noise",
+        faulty=exact,
+    )
+
+
 def figure_14b(*, quick: bool) -> Figure:
     """As 14a with noisy samples."""
-    experiment, lams = planar(), np.logspace(-2, -7, 6)
-    penalties, seeds = np.logspace(2, 6, 9 if quick else 17), 2 if quick else 5
-    constraint, state = noisy_errors(experiment, lams, penalties, seeds)
-    plateaus = np.median(constraint[:, -1], axis=1)
+    lams, penalties = np.logspace(-2, -7, 6), np.logspace(2, 6, 9 if quick else 17)
+    found, plateaus, exact = _noisy(planar(), lams, penalties, 2 if quick else 5)
     best = float(plateaus.min())
-    clean, _ = errors(experiment, over_lambda(experiment.samples(N), experiment.kernel, lams), penalties[-1:])
-    exact = clean[0, :, 0]
     verdicts = (
         judged(
             "14b",
@@ -128,18 +153,9 @@ def figure_14b(*, quick: bool) -> Figure:
             control="samples without noise",
             faulty=float(exact.min()),
         ),
-        judged(
-            "14b",
-            _NOISE,
-            "from lambda = 1e-4 to 1e-5 the plateau no longer falls tenfold, but by less than the root of it",
-            f"ratio {plateaus[2] / plateaus[3]:.2f}, without noise {exact[2] / exact[3]:.2f}",
-            lambda heights: heights[2] / heights[3] < np.sqrt(10.0),
-            plateaus,
-            control="samples without noise",
-            faulty=exact,
-        ),
+        _levels_off("14b", 2, plateaus, exact),
     )
-    return against_penalty("14b", "lambda", lams, penalties, (constraint, state), verdicts)
+    return against_penalty("14b", "lambda", lams, penalties, found, verdicts)
 
 
 SPANS_S = (1.0, 10.0)
@@ -198,26 +214,10 @@ def figure_19a(*, quick: bool, spans_s: Sequence[float] = SPANS_S) -> Figure:
 
 def figure_19b(*, quick: bool) -> Figure:
     """Spherical pendulum, noisy samples."""
-    experiment, lams = spherical(), np.logspace(-2, -6, 5)
-    penalties, seeds = np.logspace(2, 6, 5 if quick else 9), 1 if quick else 3
-    constraint, state = noisy_errors(experiment, lams, penalties, seeds)
-    plateaus = np.median(constraint[:, -1], axis=1)
-    clean, _ = errors(experiment, over_lambda(experiment.samples(N), experiment.kernel, lams), penalties[-1:])
-    exact = clean[0, :, 0]
-    verdicts = (
-        judged(
-            "19b",
-            _NOISE,
-            "from lambda = 1e-5 to 1e-6 the plateau no longer falls tenfold, but by less than the root of it",
-            f"ratio {plateaus[-2] / plateaus[-1]:.2f}, without noise {exact[-2] / exact[-1]:.2f}; lowest "
-            f"{plateaus.min() / DELTA_M:.2f} delta",
-            lambda heights: heights[-2] / heights[-1] < np.sqrt(10.0),
-            plateaus,
-            control="samples without noise",
-            faulty=exact,
-        ),
-    )
-    return against_penalty("19b", "lambda", lams, penalties, (constraint, state), verdicts, y_label=SPHERE)
+    lams, penalties = np.logspace(-2, -6, 5), np.logspace(2, 6, 5 if quick else 9)
+    found, plateaus, exact = _noisy(spherical(), lams, penalties, 1 if quick else 3)
+    verdict = _levels_off("19b", 3, plateaus, exact, f"; lowest {plateaus.min() / DELTA_M:.2f} delta")
+    return against_penalty("19b", "lambda", lams, penalties, found, (verdict,), y_label=SPHERE)
 
 
 def _slope(

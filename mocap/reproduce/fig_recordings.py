@@ -27,26 +27,18 @@ _ENERGY = "Released without noise the filter's model conserves T + U + V_z/eps^2
 RELEASED_S = 0.5
 
 
-def figure_13_recorded(*, quick: bool) -> Figure:
-    """The planar pendulum of figures 11 to 17, filmed and tracked in (r, theta)."""
-    return _figure("13_recorded", planar(quick=quick), "planar pendulum, filmed")
-
-
-def figure_19_recorded(*, quick: bool) -> Figure:
-    """The spherical pendulum of figures 18 and 19, filmed and tracked in (x1, x2, x3)."""
-    return _figure("19_recorded", spherical(quick=quick), "spherical pendulum, filmed")
-
-
-def figure_20_recorded(*, quick: bool) -> Figure:
-    """The lizard's wrist about its elbow of figures 6, 8 and 20, filmed and tracked in body axes."""
-    return _figure("20_recorded", wrist(quick=quick), "wrist about elbow of a lizard, filmed")
-
-
-RECORDED: dict[str, Callable[..., Figure]] = {
-    "13_recorded": figure_13_recorded,
-    "19_recorded": figure_19_recorded,
-    "20_recorded": figure_20_recorded,
+RECORDED: dict[str, tuple[Callable[..., Tracked], str]] = {
+    "13_recorded": (planar, "planar pendulum, filmed"),
+    "19_recorded": (spherical, "spherical pendulum, filmed"),
+    "20_recorded": (wrist, "wrist about elbow of a lizard, filmed"),
 }
+"""Figures 13, 19 and 20 from films: in (r, theta), in (x1, x2, x3), and in body axes; and their titles."""
+
+
+def figure_recorded(name: str, *, quick: bool) -> Figure:
+    """One of ``RECORDED``."""
+    make, title = RECORDED[name]
+    return _figure(name, make(quick=quick), title)
 
 
 def _figure(name: str, tracked: Tracked, title: str) -> Figure:

@@ -7,8 +7,7 @@ from eal.compiled import simulate_compiled
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce.draw import over_time
 from mocap.reproduce.record import Figure, judged, long_table
-from mocap.reproduce.settings import DELTA_M, LAMBDA, N, against_penalty
-from mocap.reproduce.sweep import Experiment, errors, over_lambda, planar
+from mocap.reproduce.sweep import DELTA_M, LAMBDA, Experiment, N, against_penalty, errors, over_lambda, planar
 
 TIMES_S = (0.01, 0.05, 0.1, 0.3, 0.5)
 _FIG13 = "The coordinate r is nearly a constant; the approximate trajectory oscillates rapidly about the submanifold."
@@ -24,7 +23,7 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
     """R and theta over 10 s at 1/eps^2 = 2e5; three lambda, because theta needs a smaller one than printed."""
     experiment, lams, penalty = planar(), np.array([1e-6, 1e-8, 1e-6 / N, 1e-10]), 2e5
     potentials = over_lambda(experiment.samples(N), experiment.kernel, lams)
-    run = simulate_compiled(
+    run, peaks = simulate_compiled(
         experiment.system,
         potentials,
         np.array([penalty]),
@@ -34,10 +33,10 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
         every=100,
         monitor=_radius_error,
     )
-    t, q, v = run.trajectory.t_s, run.trajectory.q[:, :, 0], run.trajectory.v[:, :, 0]
+    t, q, v = run.t_s, run.q[:, :, 0], run.v[:, :, 0]
     truth = experiment.truth(t)
     off = np.abs(q[..., 1] - truth[:, None, 1])
-    peak, swing = run.peaks[-1, :, 0], off.max(axis=0)
+    peak, swing = peaks[-1, :, 0], off.max(axis=0)
     energy = np.stack(
         [
             experiment.system.kinetic(q[:, i], v[:, i])
@@ -120,7 +119,7 @@ def figure_16(*, quick: bool) -> Figure:  # noqa: ARG001
     potential = over_lambda(experiment.samples(N), experiment.kernel, np.array([LAMBDA]))
     constraint, state = errors(experiment, potential, penalties, durations_s=TIMES_S)
     checked, end = penalties[[0, -3, -1]], 0.3
-    fine = simulate_compiled(
+    _, peaks = simulate_compiled(
         experiment.system,
         potential,
         checked,
@@ -130,9 +129,9 @@ def figure_16(*, quick: bool) -> Figure:  # noqa: ARG001
         h_s=2e-5,
         every=100,
         monitor=_radius_error,
-    ).peaks[-1, 0]
+    )
     early, late = (constraint[TIMES_S.index(t), 0][-1] for t in (0.05, end))
-    ratio = (0.2, late / early, fine[-1] / early)
+    ratio = (0.2, late / early, peaks[-1, 0, -1] / early)
     held = penalties <= 1.01e4
     least, most = normal_force_errors(experiment, TIMES_S[-1])
     share = constraint[-1, 0][held] * penalties[held] / most

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure as Canvas
 
 from eal.arrays import Array
 from eal.threads import one_blas_thread
-from mocap.reproduce import fig_balance, fig_joints, fig_motion, fig_penalty, fig_samples, fig_time, theorems
-from mocap.reproduce.fig_recordings import RECORDED
+from mocap.reproduce import fig_balance, fig_joints, fig_motion, fig_penalty, fig_time, theorems
+from mocap.reproduce.fig_recordings import RECORDED, figure_recorded
 from mocap.reproduce.record import Figure, Verdict, label
 from mocap.reproduce.samples import built_in_samples
 
@@ -23,8 +23,8 @@ _SYNTHETIC: dict[str, Callable[..., Figure]] = {
     "13": fig_time.figure_13,
     "14a": fig_penalty.figure_14a,
     "14b": fig_penalty.figure_14b,
-    "15a": fig_samples.figure_15a,
-    "15b": fig_samples.figure_15b,
+    "15a": fig_balance.figure_15a,
+    "15b": fig_balance.figure_15b,
     "16": fig_time.figure_16,
     "17": fig_time.figure_17,
     "18": fig_motion.figure_18,
@@ -57,15 +57,11 @@ ELSEWHERE = {
 """Figures of the paper that are not made here, and where they are."""
 
 
-def _silent(line: str) -> None:
-    """No progress."""
-
-
 def reproduce(
     figures: Sequence[str] | None = None,
     out: Path = Path("out/reproduce"),
     quick: bool = False,
-    progress: Callable[[str], None] = _silent,
+    progress: Callable[[str], None] = lambda _line: None,
     *,
     samples_m: Mapping[str, Array] | None = None,
     real_bat_m: Array | None = None,
@@ -112,7 +108,7 @@ def reproduce(
             if name == "19a":
                 made = [fig_penalty.figure_19a(quick=quick, spans_s=spans_s)]
             elif name in RECORDED:
-                made = [RECORDED[name](quick=quick)]
+                made = [figure_recorded(name, quick=quick)]
             elif name in _SYNTHETIC:
                 made = [_SYNTHETIC[name](quick=quick)]
             else:

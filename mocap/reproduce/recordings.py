@@ -14,7 +14,7 @@ from eal.radius import valley_covariance
 from eal.systems import GRAVITY_M_S2, free_joint, planar_pendulum, spherical_pendulum
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.datasets.lizards import make_lizard
-from mocap.datasets.pendulum_film import make_pendulum_film
+from mocap.datasets.pendulums import make_pendulum_film
 from mocap.datasets.recording import SyntheticRecording
 from mocap.filters.body_axes import body_frames
 from mocap.joints import joint_tracks

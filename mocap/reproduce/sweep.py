@@ -1,4 +1,4 @@
-"""The paper's two pendulums: true motion, samples, and runs over potentials, penalties and times."""
+"""The paper's two pendulums: true motion, samples, runs over potentials, penalties and times, and figures of errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,11 +9,22 @@ from scipy.interpolate import CubicSpline
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.arrays import Array
-from eal.constraints import Constraint, constrained_acceleration, unit_radius, unit_sphere
 from eal.integrators import integrate_adaptive, simulate
 from eal.lagrangian import LagrangianSystem, PenalisedModel
 from eal.stack import PotentialStack
-from eal.systems import planar_pendulum, spherical_pendulum
+from eal.systems import (
+    Constraint,
+    constrained_acceleration,
+    planar_pendulum,
+    spherical_pendulum,
+    unit_radius,
+    unit_sphere,
+)
+from mocap.reproduce.draw import Curve, log_log
+from mocap.reproduce.record import Figure, Verdict, long_table
+
+STEP_S = 1e-4
+"""Of RK4, the paper's."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,7 +134,6 @@ def errors(
     penalties: Array,
     *,
     durations_s: Sequence[float] = (0.05,),
-    h_s: float = 1e-4,
     velocity: Array | None = None,
 ) -> tuple[Array, Array]:
     """Sup over [0, T] of the constraint violation and of |q_lambda - q_eps|, equation 34's norm.
@@ -133,7 +143,6 @@ def errors(
         potentials: L potentials.
         penalties: (P,) values of 1/eps^2 in J.
         durations_s: D times T.
-        h_s: RK4 step.
         velocity: (d,) start; None: the experiment's.
 
     Returns:
@@ -142,11 +151,11 @@ def errors(
     grid = np.broadcast_to(penalties, (len(potentials), len(penalties)))
     model = PenalisedModel(system=experiment.system, penalty=PotentialStack(potentials), strength=grid)
     start = experiment.velocity if velocity is None else velocity
-    run = simulate(model, experiment.start, start, duration_s=max(durations_s), h_s=h_s)
+    run = simulate(model, experiment.start, start, duration_s=max(durations_s), h_s=STEP_S)
     violation = np.maximum.accumulate(experiment.violation(run.q), axis=0)
     away = np.linalg.norm(run.q - experiment.truth(run.t_s)[:, None, None, :], axis=-1)
     state = np.maximum.accumulate(away, axis=0)
-    ends = [round(t / h_s) for t in durations_s]
+    ends = [round(t / STEP_S) for t in durations_s]
     return violation[ends], state[ends]
 
 
@@ -159,3 +168,64 @@ def slope_with_error(x: Array, y: Array) -> tuple[float, float]:
     """Slope of log y against log x by least squares, and its standard error."""
     line, covariance = np.polyfit(np.log(x), np.log(y), 1, cov=True)
     return float(line[0]), float(np.sqrt(covariance[0, 0]))
+
+
+N, DELTA_M, DURATION_S, LAMBDA = 400, 1e-3, 0.05, 1e-6
+PENALTY = "penalty factor 1/ε² (J)"
+CONSTRAINT = "sup |r − 1| (m)"
+SPHERE = "sup ||x| − 1| (m)"
+
+
+def noisy_errors(experiment: Experiment, lams: Array, penalties: Array, seeds: int) -> tuple[Array, Array]:
+    """Constraint and state errors (lambda, penalty, seed) of noisy samples."""
+    found = []
+    for seed in range(seeds):
+        z = experiment.samples(N, delta=DELTA_M, rng=np.random.default_rng(seed))
+        found.append([e[0] for e in errors(experiment, over_lambda(z, experiment.kernel, lams), penalties)])
+    constraint, state = np.moveaxis(np.array(found), 1, 0)
+    return np.moveaxis(constraint, 0, -1), np.moveaxis(state, 0, -1)
+
+
+def error_table(axes: dict[str, Array], constraint: Array, state: Array, *, delta: float) -> dict[str, Array]:
+    """Columns of errors over axes; T, lambda and N, where they are no axis, as in the general case."""
+    columns = long_table(axes, constraint_error=constraint, state_error=state)
+    fixed = {"T": DURATION_S, "lambda": LAMBDA, "N": float(N), "delta": delta}
+    return columns | {name: np.full(constraint.size, value) for name, value in fixed.items() if name not in axes}
+
+
+def against_penalty(
+    name: str,
+    over: str,
+    values: Array,
+    penalties: Array,
+    errors: tuple[Array, Array],
+    verdicts: tuple[Verdict, ...],
+    *,
+    delta: float = DELTA_M,
+    y_label: str = CONSTRAINT,
+) -> Figure:
+    """A figure of errors against 1/eps^2, a curve for each lambda, N or T.
+
+    Args:
+        name: Number of the figure.
+        over: ``lambda``, ``N`` or ``T``.
+        values: Of it.
+        penalties: 1/eps^2.
+        errors: Constraint and state errors (value, penalty, seed).
+        verdicts: On them.
+        delta: Noise; 0: exact samples.
+        y_label: Which constraint.
+    """
+    label = {"lambda": "λ = {:.0e}", "N": "N = {}", "T": "T = {:g} s"}[over]
+    seeds = errors[0].shape[2]
+    axes = {over: values, "penalty": penalties, "seed": np.arange(seeds)}
+    curves = [Curve(label=label.format(one), x=penalties, y=y) for one, y in zip(values, errors[0], strict=True)]
+    fixed = {"lambda": f", λ = {LAMBDA:g}", "N": f", N = {N}"}
+    title = f"Fig. {name}: " + (f"noise {delta:g} m, {seeds} seeds" if delta else "exact samples")
+    title += "".join(said for what, said in fixed.items() if what != over)
+    return Figure(
+        name=name,
+        table=error_table(axes, *errors, delta=delta),
+        verdicts=verdicts,
+        draw=lambda canvas: log_log(canvas, curves, x_label=PENALTY, y_label=y_label, title=title),
+    )

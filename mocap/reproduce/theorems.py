@@ -18,8 +18,7 @@ from eal.lagrangian import PenalisedModel
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce.draw import Curve, log_log
 from mocap.reproduce.record import Figure, judged
-from mocap.reproduce.settings import PENALTY, N
-from mocap.reproduce.sweep import over_lambda, planar, slope_with_error
+from mocap.reproduce.sweep import PENALTY, N, over_lambda, planar, slope_with_error
 
 BETA, MODES = 1.0, 3
 COUNTS = (250, 1000, 4000)

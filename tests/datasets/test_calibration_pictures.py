@@ -5,8 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from mocap.datasets.boards import Board, photograph, viewfinder
-from mocap.datasets.calibration_session import board_session, write_board_session
+from mocap.datasets.calibration_session import Board, board_session, photograph, viewfinder, write_board_session
 from mocap.datasets.lizards import SLOPE_RAD
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
 from mocap.datasets.wand import wand_sweep, write_wand_sweep

@@ -1,6 +1,7 @@
 """Disturbances of films: each does what its size says, and the truth knows what the film does not show."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,9 +14,15 @@ MOTION, CAMERA = lizard_motion(1), tank_cameras(2, slope_rad=SLOPE_RAD)[0]
 T_S = 0.3 + np.arange(4) / 250
 
 
-def film(disturbances, seed=3, t_s=T_S):
+def drawn(disturbances, seed=3, t_s=T_S):
     """(T, H, W) of one camera."""
     return np.stack([*pictures(MOTION, t_s, CAMERA, fps=250, disturbances=disturbances, seed=(seed, 0))]).astype(float)
+
+
+@cache
+def film(disturbances, seed=3, frames=None):
+    """As ``drawn``, once; the first frames of ``T_S``, or all."""
+    return drawn(disturbances, seed, T_S[:frames])
 
 
 QUIET = replace(CLEAN, noise=0.0)
@@ -24,13 +31,13 @@ QUIET = replace(CLEAN, noise=0.0)
 def test_a_seed_is_a_film():
     """The same seed gives the same film with all disturbances, another one another."""
     first = film(ALL)
-    np.testing.assert_array_equal(film(ALL), first)
+    np.testing.assert_array_equal(drawn(ALL), first)
     assert np.abs(film(ALL, seed=4) - first).mean() > 3
 
 
 def test_noise_has_its_size():
     """In the dark 30 of 255: variance noise^2 + shot^2 30 / 255, and 1/12 of whole grey levels."""
-    got = film(replace(CLEAN, noise=4.0, shot=6.0), t_s=T_S[:1])[0][film(QUIET, t_s=T_S[:1])[0] == 30]
+    got = film(replace(CLEAN, noise=4.0, shot=6.0), frames=1)[0][film(QUIET, frames=1)[0] == 30]
     assert got.std() == pytest.approx(np.sqrt(16 + 36 * 30 / 255 + 1 / 12), rel=0.03)
     assert got.mean() == pytest.approx(30, abs=0.1)
 
@@ -38,14 +45,14 @@ def test_noise_has_its_size():
 def test_flicker_changes_the_light_by_its_size():
     """The picture's mean follows the lamps, up to the amplitude and no more."""
     t_s = 0.3 + np.arange(12) / 250
-    mean = film(replace(QUIET, flicker=0.3), t_s=t_s).mean(axis=(1, 2)) / film(QUIET, t_s=t_s).mean(axis=(1, 2))
+    mean = drawn(replace(QUIET, flicker=0.3), t_s=t_s).mean(axis=(1, 2)) / drawn(QUIET, t_s=t_s).mean(axis=(1, 2))
     assert np.ptp(mean) > 0.1
     assert np.abs(mean - 1).max() < 0.31
 
 
 def test_texture_has_its_amplitude():
     """Of the background alone, where nothing was drawn."""
-    got = film(replace(QUIET, background=10.0), t_s=T_S[:1])[0, :100, :300]
+    got = film(replace(QUIET, background=10.0), frames=1)[0, :100, :300]
     assert got.std() == pytest.approx(10, rel=0.3)
 
 
@@ -63,7 +70,7 @@ def test_dots_grow(name):
 
 def test_reflections_are_spots_where_no_marker_is():
     """So many more bright spots, at most, as there are reflections."""
-    difference = film(replace(QUIET, reflections=20), t_s=T_S[:1]) - film(QUIET, t_s=T_S[:1])
+    difference = film(replace(QUIET, reflections=20), frames=1) - film(QUIET, frames=1)
     area = (difference[0] > 60).sum() / (np.pi * 9)
     assert 4 < area < 20
 
@@ -73,7 +80,7 @@ def test_what_the_film_hides_the_truth_hides():
     sizes = replace(QUIET, bars=40)
     shown = shown_pixels(MOTION, T_S, [CAMERA], start_s=np.zeros(1), disturbances=sizes, seed=3)
     free = shown_pixels(MOTION, T_S, [CAMERA], start_s=np.zeros(1), seed=3)
-    picture, uv = film(sizes, t_s=T_S[:1])[0], np.rint(np.nan_to_num(free.uv_px[0, 0]) - 1).astype(int)
+    picture, uv = film(sizes, frames=1)[0], np.rint(np.nan_to_num(free.uv_px[0, 0]) - 1).astype(int)
     behind = free.seen[0, 0] & ~shown.seen[0, 0]
     assert behind.sum() >= 2
     grey = picture[uv[free.seen[0, 0], 1], uv[free.seen[0, 0], 0]]

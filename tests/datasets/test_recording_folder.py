@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from mocap.datasets import PERFECT, make_bat, make_lizard, read_truth, write_recording
-from mocap.datasets.dvproject import write_project
+from mocap.datasets.folder import write_project
 
 from mocap.cameras.camera import project, record, stacked, undistorted
 from mocap.cameras.triangulate import linear

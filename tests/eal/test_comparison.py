@@ -5,8 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from benchmarks.comparison import draw
 from eal import GaussianKernel, compare
+from tests.swings import draw
 
 
 def swings(rng, count, *, posture=90.0, range_deg=40.0, effect=4.0):

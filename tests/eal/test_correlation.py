@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eal import GaussianKernel
-from eal.correlation import effective_sample_size
+from eal.radius import effective_sample_size
 
 
 def test_independent_samples_are_all_effective_and_repeated_ones_are_not(rng):

@@ -11,6 +11,7 @@ from scipy.special import iv
 from eal import GaussianKernel, LaplaceKernel, Projection, Tail, bounds, fit_potential
 from eal.integrators import simulate
 from eal.lagrangian import PenalisedModel
+from mocap.reproduce import sweep
 from mocap.reproduce.sweep import errors, over_lambda, planar, slope
 from tests.reference import circle
 
@@ -249,13 +250,14 @@ def test_state_error_has_a_least():
     assert 5 < state[0, 4] / state[1, 4] < 20
 
 
-def test_18_growth_with_time_is_not_integration_error():
+def test_18_growth_with_time_is_not_integration_error(monkeypatch):
     """Sup |r-1| over 0.05 s and 0.3 s agrees to 1.5 % between h = 1e-4 and 5e-5 s while it grows by more."""
     experiment = planar()
     potential = over_lambda(experiment.samples(400), experiment.kernel, np.array([1e-6]))
     times = (0.05, 0.3)
     coarse = errors(experiment, potential, np.array([1e4, 1e6]), durations_s=times)[0][:, 0]
-    fine = errors(experiment, potential, np.array([1e4, 1e6]), durations_s=times, h_s=5e-5)[0][:, 0]
+    monkeypatch.setattr(sweep, "STEP_S", 5e-5)
+    fine = errors(experiment, potential, np.array([1e4, 1e6]), durations_s=times)[0][:, 0]
     assert np.abs(coarse / fine - 1).max() < 0.015
     assert (coarse[1] / coarse[0] > 1.05).all()
 

@@ -18,7 +18,7 @@ from eal import (
     load_potential,
 )
 from eal.archive import ArchiveError
-from eal.lowrank import ROUNDING, pivoted_cholesky
+from eal.fitting import ROUNDING, pivoted_cholesky
 from tests.reference import empirical_potential as reference
 
 KERNELS = [GaussianKernel(3.0), LaplaceKernel(1.5), Matern32Kernel(2.0), Matern52Kernel(2.0)]

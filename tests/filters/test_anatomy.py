@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mocap.datasets.bat_skeleton import bat_skeleton
-from mocap.datasets.lizard_skeleton import lizard_skeleton
+from mocap.datasets.lizards import lizard_skeleton
 from mocap.filters.anatomy import Anatomy, Limb, anatomy_of, counterparts, reflection
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings

@@ -4,12 +4,12 @@ import json
 import shutil
 import sys
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
 import pytest
-from mocap.datasets.boards import Board, photograph, viewfinder
-from mocap.datasets.calibration_session import board_session, write_board_session
+from mocap.datasets.calibration_session import Board, board_session, photograph, viewfinder, write_board_session
 from scipy.spatial.transform import Rotation
 
 from mocap.calibration.board_rig import calibrate_boards
@@ -39,6 +39,12 @@ def own_views(seed, n=20, noise_px=0.1):
     return list(seen(rng, camera, boards, noise_px=noise_px)[camera[0].name].corners.values())
 
 
+@cache
+def own_fit(seed):
+    """The lens of ``own_views``."""
+    return fit_intrinsics(own_views(seed), SIZE, name="a", choices=("brown2",))
+
+
 def scene(seed, n=10, flat=False):
     """Known points, cameras with lenses that are known to within SD, and clicks of 0.5 px."""
     rng = np.random.default_rng(seed)
@@ -55,7 +61,7 @@ def test_a_lens_is_as_well_known_as_it_says():
     truth = np.array([1200.0, 1212.0, 645.0, 505.0, -0.2, 0.08])
     z = []
     for seed in range(10):
-        found = fit_intrinsics(own_views(seed), SIZE, name="a", choices=("brown2",))
+        found = own_fit(seed)
         known = KnownLens(name="a", lens=found.lens, free=found.free, cov=found.cov)
         z.append((known.numbers - np.append(truth, [0, 0, 0]))[:6] / known.sd[:6])
     assert np.count_nonzero(np.abs(z) > 1.96) <= 7
@@ -64,8 +70,7 @@ def test_a_lens_is_as_well_known_as_it_says():
 
 def test_a_lens_beside_opencv():
     """``calibrateCamera`` on the same corners: within half a deviation, and deviations that agree to 40 %."""
-    views = own_views(3)
-    found = fit_intrinsics(views, SIZE, name="a", choices=("brown2",))
+    views, found = own_views(3), own_fit(3)
     flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     _, k, d, _, _, sd, _, _ = cv2.calibrateCameraExtended(
         [v.local_m.astype(np.float32) for v in views],
@@ -88,13 +93,11 @@ def test_errors_of_one_picture_go_together():
     """
     ratio = []
     for seed in range(6):
-        once = own_views(seed)
         again = [
             Corners(ids=np.tile(v.ids, 4), local_m=np.tile(v.local_m, (4, 1)), uv_px=np.tile(v.uv_px, (4, 1)))
-            for v in once
+            for v in own_views(seed)
         ]
-        sd = [fit_intrinsics(views, SIZE, name="a", choices=("brown2",)).f_sd_px for views in (once, again)]
-        ratio.append(sd[1] / sd[0])
+        ratio.append(fit_intrinsics(again, SIZE, name="a", choices=("brown2",)).f_sd_px / own_fit(seed).f_sd_px)
     assert np.median(ratio) > 0.75
 
 

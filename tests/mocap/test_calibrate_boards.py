@@ -10,9 +10,8 @@ import pytest
 
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Charuco, Checkerboard, Corners
-from mocap.calibration.detect import BoardViews, detect
+from mocap.calibration.detect import BoardViews, detect, pictures_of
 from mocap.calibration.intrinsics import fit_intrinsics
-from mocap.calibration.pictures import pictures_of
 from mocap.calibration.rig import RigCamera, rig_lens, similarity
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.lens import BrownLens, FisheyeLens

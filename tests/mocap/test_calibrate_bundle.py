@@ -7,8 +7,7 @@ import pytest
 from scipy import sparse
 from scipy.optimize import least_squares
 
-from mocap.calibration.bundle import _Problem, adjust
-from mocap.calibration.levenberg import minimise
+from mocap.calibration.bundle import _Problem, adjust, minimise
 from mocap.calibration.rig import in_world, rig_camera, similarity, turn, upside_down
 from mocap.calibration.scene import Free, Lengths, Scene, Sightings
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients, record

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 import rerun as rr
 
-from benchmarks.comparison import draw
 from eal import fit_potential
 from mocap.sides import without_side
+from tests.swings import draw
 
 
 @pytest.fixture

@@ -1,11 +1,13 @@
 """A lens that nobody gave: estimated from the tracks, or what it does to positions stated; refused where it is open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from mocap.datasets.bats import make_bat_wind_tunnel
 
-from benchmarks.faults import clean, no_lens, twin
 from mocap.calibration.lens_of_tracks import lens_of_tracks
-from mocap.cameras.camera import Camera, project, stacked
+from mocap.cameras.camera import Camera, project, stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError
 from mocap.pipeline.cleaning import clean as cleaned
@@ -19,15 +21,20 @@ from tests.mocap.rigs import cloud, ring
 @pytest.fixture(scope="module")
 def bat():
     """A bat in a wind tunnel whose lenses have k1 -0.14 that no file states, without and with the lens; its truth."""
-    flight = twin(3)
-    case = no_lens(flight, clean(flight), -0.14, np.random.default_rng(0))
-    names, some = flight.pixels.names[::3], case.uv_px[:, :75, ::3]
+    flight = make_bat_wind_tunnel(seed=3, n_frames=150)
+    ideal = undistorted(flight.cameras, flight.pixels.uv_px)
+    bent = [
+        view if c.lens is None else replace(c.lens, k=(-0.14, 0.0, 0.0), p=(0.0, 0.0)).distort(view)
+        for c, view in zip(flight.cameras, ideal, strict=True)
+    ]
+    cameras = tuple(replace(c, lens=None) for c in flight.cameras)
+    names, some = flight.pixels.names[::3], np.stack(bent)[:, :75, ::3]
     pixels = PixelTracks(names=names, cameras=flight.pixels.cameras, t_s=flight.pixels.t_s[:75], uv_px=some)
     found = []
     for fit_lens in (False, True):
         film = of_pixels(
             pixels,
-            case.cameras,
+            cameras,
             Skeleton(name="bat", markers=names),
             name="bat",
             fit_lens=fit_lens,

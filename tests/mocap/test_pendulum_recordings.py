@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mocap.datasets.pendulum_film import make_pendulum_film
+from mocap.datasets.pendulums import make_pendulum_film
 
 from eal import GaussianKernel, fit_potential
 from eal.lagrangian import PenalisedModel

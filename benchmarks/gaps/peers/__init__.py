@@ -8,7 +8,7 @@ from benchmarks.gaps.method import Method
 from benchmarks.gaps.peers import (
     anipose_3d,
     gaussian,
-    gpdm,
+    gplvm,
     interpolation,
     kalman,
     low_rank,
@@ -16,11 +16,10 @@ from benchmarks.gaps.peers import (
     neighbours,
     pca,
     rays,
-    released,
 )
 
 
 def peers() -> list[Method]:
     """All peers, simple ones first."""
-    families = (interpolation, kalman, rays, anipose_3d, low_rank, pca, neighbours, gaussian, manifold, gpdm, released)
+    families = (interpolation, kalman, rays, anipose_3d, low_rank, pca, neighbours, gaussian, manifold, gplvm)
     return [method for family in families for method in family.peers()]

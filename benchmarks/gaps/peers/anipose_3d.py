@@ -17,12 +17,30 @@ from scipy.sparse import coo_array
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.intervals import tune
 from benchmarks.gaps.peers.rays import Rays, projected, rays_of
-from benchmarks.gaps.peers.released.tools import bones
 from eal.arrays import Array
 
 THRESHOLD_PX, LENGTH, STEPS = 15.0, 2.0, 8
 Rows = tuple[Array, Array, Array]
 """Residuals (k,), the variables of each (k, v), and its derivatives by them (k, v)."""
+
+
+def bones(trials: Sequence[Trial], *, spread: float = 0.05) -> list[list[int]]:
+    """Pairs of markers whose distance varies by less than a share, the stiffest first, one tree a set of markers."""
+    xyz = np.concatenate([trial.xyz_m for trial in trials])
+    pairs = []
+    for a in range(xyz.shape[1]):
+        for b in range(a):
+            length = np.linalg.norm(xyz[:, a] - xyz[:, b], axis=-1)
+            length = length[np.isfinite(length)]
+            if len(length) > 20:
+                pairs.append((float(length.std() / length.mean()), b, a))
+    group = list(range(xyz.shape[1]))
+    chosen = []
+    for share, b, a in sorted(pairs):
+        if share < spread and group[a] != group[b]:
+            chosen.append([b, a])
+            group = [group[b] if g == group[a] else g for g in group]
+    return chosen
 
 
 def reprojection(rays: Rays, xyz_m: Array) -> list[Rows]:

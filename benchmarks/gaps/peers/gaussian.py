@@ -16,10 +16,9 @@ from mocap.filters.conditional import Moments, Normal, moments
 from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, Placed, learn_body
+from benchmarks.gaps.peers.coordinates import Body, Placed, completed, learn_body, usable
 from benchmarks.gaps.peers.edges import Blend, Predict, fill_blended, refill
 from benchmarks.gaps.peers.intervals import tune_blended
-from benchmarks.gaps.peers.poses import completed, usable
 from eal.arrays import Array
 
 

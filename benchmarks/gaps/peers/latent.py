@@ -6,9 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from mocap.filters.ensemble import Gaussian, default_points, ensemble, predict, scale, smooth_step, update
 from mocap.filters.ensemble import spread as spread_points
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
+from benchmarks.gaps.method import Estimate, Trial
+from benchmarks.gaps.peers.coordinates import Body
+from benchmarks.gaps.peers.edges import Blend, fill_blended
 from eal.arrays import Array
 
 
@@ -186,3 +190,25 @@ def linear_dynamics(decode: Regression, z: list[Array], sd: Array, *, ridge: flo
         start=Gaussian(middle, np.diag(start)),
         sd=sd,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class LatentFiller:
+    """A latent model in body coordinates, and how what it says is blended in."""
+
+    coordinates: Body
+    model: LatentModel
+    blend: Blend
+
+    def __call__(self, trial: Trial) -> Estimate:
+        """Follow the latent point and blend what it says into the gaps; the map's error is carried from the edges."""
+        placed = self.coordinates.place(trial)
+        poses, latent = follow(self.model, placed.poses)
+        model = poses.reshape(placed.y.shape)
+        error = (self.model.decode.noise_sd.reshape(-1, 3) ** 2)[..., None] * np.eye(3)
+
+        def predict(_values: Array, frames: NDArray[np.int64], _masks: NDArray[np.bool_]) -> tuple[Array, Array]:
+            return model[frames], np.repeat(error[None], len(frames), axis=0)
+
+        y, spread = fill_blended(placed, predict, self.blend)
+        return placed.leave(y, spread + latent)

@@ -21,10 +21,9 @@ from mocap.filters.conditional import patterns
 from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.coordinates import Body, completed, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended
 from benchmarks.gaps.peers.intervals import tune_blended
-from benchmarks.gaps.peers.poses import completed
 from eal.arrays import Array
 
 

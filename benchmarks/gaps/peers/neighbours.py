@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.coordinates import Body, completed, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended, shown
 from benchmarks.gaps.peers.intervals import tune_blended
-from benchmarks.gaps.peers.poses import completed
 from eal.arrays import Array
 
 POOL = 6000

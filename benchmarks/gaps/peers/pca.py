@@ -24,11 +24,10 @@ from mocap.filters.conditional import patterns
 from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.coordinates import Body, completed, learn_body
 from benchmarks.gaps.peers.edges import Blend, Predict, fill_blended, shown
 from benchmarks.gaps.peers.gaussian import Moments, moments
 from benchmarks.gaps.peers.intervals import tune_blended
-from benchmarks.gaps.peers.poses import completed
 from eal.arrays import Array
 
 MISSING_WEIGHT = 0.02

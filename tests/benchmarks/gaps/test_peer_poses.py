@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from benchmarks.gaps.peers import gaussian, gpdm, interpolation, intervals, kalman, low_rank, manifold, neighbours, pca
+from benchmarks.gaps.peers import gaussian, gplvm, interpolation, intervals, kalman, low_rank, manifold, neighbours, pca
 from benchmarks.gaps.peers.edges import Blend
 from benchmarks.gaps.peers.gaussian import Choice, ConditionalGaussian
 from benchmarks.gaps.peers.low_rank import LowRank, RandomWalk
@@ -98,7 +98,7 @@ def test_random_walk_smoother_is_the_joint_gaussian():
     "method",
     [
         m
-        for family in (interpolation, kalman, low_rank, pca, neighbours, gaussian, manifold, gpdm)
+        for family in (interpolation, kalman, low_rank, pca, neighbours, gaussian, manifold, gplvm)
         for m in family.peers()
     ],
     ids=lambda method: method.name,

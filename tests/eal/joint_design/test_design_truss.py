@@ -16,7 +16,7 @@ from eal.joint_design import (
     tolerance_study,
     truss_penalty,
 )
-from eal.joint_design.internal import crossings, with_internal_node
+from eal.joint_design.design import crossings, with_internal_node
 from eal.lagrangian import AnalyticPenalty
 
 LIMITS = Limits(shortest=0.3, longest=4.0, reach=2.2, contraction=0.6, extension=1.2, spacing=0.2)

@@ -27,8 +27,19 @@ def scene(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def result(scene):
-    return digitise(scene.folder / "films", start=scene.clicks(), **scene.arguments)
+def told():
+    """What was told of progress while ``result`` was made, by stage."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def result(scene, told):
+    return digitise(
+        scene.folder / "films",
+        start=scene.clicks(),
+        progress=lambda stage, share: told.setdefault(stage, []).append(share),
+        **scene.arguments,
+    )
 
 
 def misses(result, scene):
@@ -63,15 +74,9 @@ def test_a_faint_spot_is_no_marker(tmp_path):
     assert np.median(found[16:26]) > np.isfinite(scene.uv_px[0, 20, :, 0]).sum()
 
 
-def test_progress_of_each_stage_only_grows_to_its_end(scene):
+@pytest.mark.usefixtures("result")
+def test_progress_of_each_stage_only_grows_to_its_end(told):
     """What is left can be told: no pass is silent, none begins the bar of another anew."""
-    told = {}
-    digitise(
-        scene.folder / "films",
-        start=scene.clicks(),
-        progress=lambda stage, share: told.setdefault(stage, []).append(share),
-        **scene.arguments,
-    )
     assert len(told) == 3
     for shares in told.values():
         assert len(shares) > 39

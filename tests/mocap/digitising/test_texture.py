@@ -1,5 +1,6 @@
 """Points without a dot: followed by their texture, against where it was drawn."""
 
+from copy import deepcopy
 from dataclasses import replace
 
 import cv2
@@ -85,18 +86,24 @@ def test_a_marker_whose_clicks_show_no_dot_is_followed_by_its_texture(scene, sta
     assert np.nanmedian(dots) < 0.3
 
 
-def test_an_answer_follows_the_texture_anew(scene):
+@pytest.fixture(scope="module")
+def first(scene):
+    """From clicks of the first frame in two of the films; tests change copies."""
+    return digitise(scene.folder / "films", start=scene.clicks(0, sd_px=0.3), **scene.arguments)
+
+
+def test_an_answer_follows_the_texture_anew(scene, first):
     """A click in a film in which the point was not clicked: it is named there in the frames about, not in one alone."""
-    result = digitise(scene.folder / "films", start=scene.clicks(0, sd_px=0.3), **scene.arguments)
+    result = deepcopy(first)
     before = np.isfinite(result.pixels.uv_px[2, :, NOSE, 0]).sum()
     click = next(c for c in scene.clicks(15, cameras=(2,), sd_px=0.3) if c.marker == NOSE)
     result.click([click])
     assert np.isfinite(result.pixels.uv_px[2, :, NOSE, 0]).sum() > before + 10
 
 
-def test_a_wrong_click_on_a_texture_is_corrected_or_taken_back(scene):
+def test_a_wrong_click_on_a_texture_is_corrected_or_taken_back(scene, first):
     """A click 3 px off leads the frames about it away; the right one in its place leads them back, and so does undo."""
-    result = digitise(scene.folder / "films", start=scene.clicks(0, sd_px=0.3), **scene.arguments)
+    result = deepcopy(first)
     right = next(c for c in scene.clicks(15, cameras=(2,), sd_px=0.1) if c.marker == NOSE)
     assert right.uv_px is not None
     wrong = replace(right, uv_px=(right.uv_px[0] + 3.0, right.uv_px[1]))

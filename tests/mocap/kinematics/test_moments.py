@@ -8,9 +8,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 from mocap.datasets.bat_skeleton import bat_skeleton
-from mocap.datasets.lizard_skeleton import lizard_skeleton
-from mocap.datasets.pendulum_film import pendulum_skeleton
-from mocap.datasets.pendulums import make_pendulum
+from mocap.datasets.lizards import lizard_skeleton
+from mocap.datasets.pendulums import make_pendulum, pendulum_skeleton
 from mocap.filters.velocities import Motion
 
 from mocap.kinematics.cycles import Footfalls

@@ -1,29 +1,17 @@
-"""Our filter and filterpy's, as the benchmark times them, have the same states."""
-
-from importlib.metadata import version
+"""The smoother beside the same formula in long double."""
 
 import numpy as np
 import pytest
 from mocap.filters.ensemble import Gaussian, default_points, predict, smooth_step
+from mocap.filters.motion.constant_velocity import white_acceleration
 
-from benchmarks.ukf import DT_S, advance, compare, problem
+DT_S = 1 / 240
 
 
-@pytest.mark.parametrize("affine", [True, False])
-@pytest.mark.parametrize(("n", "m"), [(12, 8), (60, 120)])
-def test_states_agree_with_filterpy(n, m, affine):
-    """Both programs compute the same transform, so they differ by rounding only.
-
-    filterpy's weights are about 1 / alpha^2 = n / 3 and cancel: n / 3 times the condition of the covariance in units of
-    deviations (1e3) times 1e-16, over 2 n points, is below 1e-9.
-    """
-    if version("filterpy").startswith("1."):
-        pytest.skip("filterpy before 2 observes points without the process noise: another filter")
-    rows = compare(problem(n, m, affine=affine), repeats=1, budget_s=0.0)
-    assert [row.what for row in rows] == (["planar", "  smoother"] if affine else ["pixels"])
-    for row in rows:
-        assert row.off_mean < 1e-9
-        assert row.off_cov < 1e-9
+def advance(states):
+    """(S, n) states of constant velocity a step later."""
+    k = states.shape[1] // 2
+    return np.concatenate([states[:, :k] + DT_S * states[:, k:], states[:, k:]], axis=1)
 
 
 @pytest.mark.parametrize(("widen", "narrow"), [(1.0, 1.0), (1e3, 1.0), (1e3, 1e-2), (1e5, 1e-3)])
@@ -32,17 +20,21 @@ def test_smoother_keeps_its_digits_where_the_future_knows_much_more(widen, narro
 
     A double has lost no more than n 2e-16 / 1e-4 where variances fall to 1e-4; below that nothing is subtracted.
     """
-    case = problem(24, 8, affine=True)
-    start = Gaussian(case.start.mean, widen * case.start.factor)
-    prediction = predict(start, lambda x: advance(x, DT_S), case.noise, default_points(24))
-    future = Gaussian(prediction.state.mean + 0.01, narrow * case.start.factor)
+    rng, k = np.random.default_rng(0), 12
+    l11, l21, l22 = white_acceleration(np.full(k, 30.0), DT_S)
+    drive = np.block([[np.diag(l11), np.zeros((k, k))], [np.diag(l21), np.diag(l22)]])
+    correlation = 0.5 * np.eye(2 * k) + 0.5 * np.corrcoef(rng.standard_normal((2 * k, 2 * k)))
+    lower = np.repeat([3e-3, 0.3], k)[:, None] * np.linalg.cholesky(correlation)
+    start = Gaussian(np.concatenate([rng.uniform(-0.15, 0.15, k), rng.standard_normal(k)]), widen * lower)
+    prediction = predict(start, advance, drive, default_points(2 * k))
+    future = Gaussian(prediction.state.mean + 0.01, narrow * lower)
     ours = smooth_step(start, prediction, future)
 
     long = np.longdouble
     factor, rows, noise = (a.astype(long) for a in (start.factor, prediction.rows, prediction.noise))
     predicted = rows.T @ rows + noise @ noise.T
-    gain = _solve(predicted, rows[:24].T @ factor.T).T
-    unexplained = np.concatenate([factor, np.zeros((24, len(rows) - 24), dtype=long)], axis=1) - gain @ rows.T
+    gain = _solve(predicted, rows[: 2 * k].T @ factor.T).T
+    unexplained = np.concatenate([factor, np.zeros((2 * k, len(rows) - 2 * k), dtype=long)], axis=1) - gain @ rows.T
     parts = np.concatenate([unexplained, gain @ noise, gain @ future.factor.astype(long)], axis=1)
     cov = parts @ parts.T
     mean = start.mean + gain @ (future.mean.astype(long) - prediction.state.mean)

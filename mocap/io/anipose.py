@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, decompose, pinhole_camera
+from mocap.cameras.camera import Camera, decompose, pinhole_camera, pinhole_lens
+from mocap.cameras.known_lens import KnownLens
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.documents import read_toml
 from mocap.errors import FormatError
@@ -215,13 +216,66 @@ FORMATS = (
         name="anipose-calibration",
         title="calibration of Anipose, sleap-anipose, FreeMoCap or caliscope (TOML)",
         knows=_is_calibration,
-        read=lambda path, _: calibration_recording(
-            path,
-            "anipose-calibration",
-            read_calibration(path),
-        ),
+        read=lambda path, _: calibration_recording(path, "anipose-calibration", read_calibration(path)),
         write=lambda path, recording: write_calibration(path, recording.cameras),
         holds=frozenset({"cameras"}),
         suffixes=(".toml",),
     ),
 )
+
+
+NAME = "lenses.toml"
+
+
+def write_lenses(path: Path, lenses: Sequence[KnownLens]) -> None:
+    """Write lenses.
+
+    Raises:
+        FormatError: one has no picture size.
+    """
+    cameras = [
+        pinhole_camera(
+            known.name,
+            intrinsic=known.lens.intrinsic,
+            rotation=np.eye(3),
+            translation_m=np.zeros(3),
+            lens=known.lens,
+            size_px=known.size_px,
+        )
+        for known in lenses
+    ]
+    write_calibration(path, cameras)
+    text = path.read_text(encoding="utf-8")
+    for i, known in enumerate(lenses):
+        more = f"free = {list(known.free)}\ncovariance = {known.cov.tolist()}\n"
+        text = text.replace(f"[cam_{i}]\n", f"[cam_{i}]\n{more}")
+    path.write_text(text, encoding="utf-8", newline="")
+
+
+def read_lenses(path: Path) -> tuple[KnownLens, ...]:
+    """Lenses of ``lenses.toml``, of any ``calibration.toml``, or of a folder that holds one of them.
+
+    Raises:
+        FormatError: there is none, or its covariance does not belong to it.
+    """
+    if path.is_dir():
+        inside = [path / n for n in (NAME, "calibration.toml") if (path / n).is_file()]
+        if not inside:
+            raise FormatError(f"{path}: contains no {NAME} and no calibration.toml: give the lenses' file")
+        path = inside[0]
+    cameras = read_calibration(path)
+    out = []
+    for camera, (_, section) in zip(cameras, camera_sections(path), strict=True):
+        lens = pinhole_lens(camera) if camera.lens is None else camera.lens
+        again = f"its covariance is not that of its {lens.model} lens: calibrate the lenses again"
+        schema = {
+            "free": Entry(kind="i", shape=("free",), least=0, most=3 + lens.n_coefficients, rising=True, needed=False),
+            "covariance": Entry(shape=("free", "free"), covariance=True, needed=False),
+        }
+        found = checked(f"{path.name}: camera {camera.name!r}", section, schema, again=again)
+        free = tuple(found["free"].tolist()) if "free" in found else ()
+        cov = found.get("covariance", np.zeros((0, 0)))
+        if len(cov) != len(free):
+            raise FormatError(f"{path.name}: camera {camera.name!r}: {again}")
+        out.append(KnownLens(name=camera.name, lens=lens, size_px=camera.size_px, free=free, cov=cov))
+    return tuple(out)

@@ -40,11 +40,7 @@ class DvProject:
 
 
 def read_project(path: Path, *, fps: float | None = None) -> DvProject:
-    """Read a project file.
-
-    Args:
-        path: The file.
-        fps: Frames a second; None: as the file says, which may be the rate of playback.
+    """Read a project file, at ``fps`` frames a second (None: as the file says, which may be the rate of playback).
 
     Raises:
         FormatError: the file is no such project, or its parts contradict each other.
@@ -92,11 +88,7 @@ def _project(path: Path, file: Any, fps: float | None) -> DvProject:
 
 
 def _sparse(path: Path, data: Any, name: str, columns: int, *, missing: float) -> Array:
-    """A MATLAB sparse matrix (compressed columns) as a dense one; what is absent or 0 is ``missing``.
-
-    Raises:
-        FormatError: it has other columns, or its indices point nowhere.
-    """
+    """A MATLAB sparse matrix (compressed columns) as a dense one; what is absent or 0 is ``missing``."""
     import h5py
 
     group = data[name]

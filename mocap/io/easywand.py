@@ -14,9 +14,9 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
+from mocap.io.apart import variables
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Hints
-from mocap.io.matlab import variables
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,11 +77,7 @@ def read_easywand(path: Path) -> EasyWand:
 
 
 def _numbers(path: Path, table: dict[str, Any], name: str, count: int, *, finite: bool = True) -> Array:
-    """A vector of the struct.
-
-    Raises:
-        FormatError: it is absent, has another length, or holds something that is no number.
-    """
+    """A vector of the struct."""
     try:
         values = np.ravel(np.asarray(table[name], dtype=np.float64))
     except (KeyError, TypeError, ValueError):

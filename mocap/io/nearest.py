@@ -67,11 +67,7 @@ _MAGIC = (
 
 
 def looks_like(head: Head) -> str:
-    """What a file is, in words: its kind, and how it begins.
-
-    Args:
-        head: Its beginning.
-    """
+    """What a file is by its beginning, in words: its kind, and how it begins."""
     if head.is_hdf5:
         return "an HDF5 file with " + ", ".join(sorted(head.hdf5)[:6])
     if head.mat:
@@ -118,12 +114,7 @@ def _numbers(row: str, separator: str) -> bool:
 
 
 def nearest(head: Head, formats: Sequence[Format]) -> list[Format]:
-    """The three formats that share most words with the beginning of a file, its kind and its name.
-
-    Args:
-        head: The file's beginning.
-        formats: Formats to choose from.
-    """
+    """The three of some formats that share most words with the beginning of a file, its kind and its name."""
     said = f"{looks_like(head)} {_SUFFIXES.get(head.path.suffix.lower().lstrip('.'), '')} {head.path.stem}"
     text = said + " " + " ".join(head.lines[:40])
     found = _words(text)

@@ -27,13 +27,7 @@ _DIMENSION, _DIMENSIONS = "_Netcdf4Dimid", "_Netcdf4Coordinates"
 
 
 def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False, loose: Collection[str] = ()) -> bytes:
-    """The bytes of a NetCDF file.
-
-    Args:
-        dataset: What to write.
-        packed: Whether its variables are compressed; coordinates and text are not.
-        loose: Variables that are not, as they hardly would be smaller.
-    """
+    """The bytes of a NetCDF file, where ``packed`` with variables compressed, but for text and the ``loose`` ones."""
     import h5py
     from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
@@ -104,12 +98,8 @@ def _attributes(place, attributes: Mapping[Any, Any]) -> None:
 def read_netcdf(path: Path, *, again: str) -> "xr.Dataset":
     """A dataset in memory.
 
-    Args:
-        path: The file.
-        again: What to do where it cannot be read.
-
     Raises:
-        FormatError: it cannot be read, or announces more than a file of its size can hold.
+        FormatError: it cannot be read (``again`` says what to do), or announces more than a file of its size can hold.
     """
     import xarray as xr
 

@@ -19,10 +19,10 @@ from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.encoding import decoded
 from mocap.errors import FormatError
+from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.pickles import plain_pickle
 
 SUBPIXELS = 64
 """QTM counts sensors of its cameras in 64ths of a pixel."""
@@ -30,11 +30,7 @@ _MOST_BYTES = 20_000_000
 
 
 def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str) -> list[float]:
-    """Attributes of an element as numbers.
-
-    Raises:
-        FormatError: one is absent or no finite number.
-    """
+    """Attributes of an element as numbers."""
     out = []
     for name in names.split():
         try:

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from mocap.errors import OutputError, shown_elsewhere
-from mocap.io.lock import LOCK, locked
 from mocap.io.manifest import (
+    LOCK,
     MANIFEST,
     PARTIAL,
     Listing,
@@ -35,6 +35,7 @@ from mocap.io.manifest import (
     is_below,
     is_inside,
     is_still,
+    locked,
     place_of,
     read_manifest,
     sync_folder,
@@ -276,11 +277,7 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
 
 
 def _is_staged(stage: Path, file: str, content: str) -> bool:
-    """Whether a file is still in the hidden folder of a pending result.
-
-    Raises:
-        OutputError: the hidden folder is none, or the file is not the one that the manifest lists.
-    """
+    """Whether a file is still in the hidden folder of a pending result."""
     if not os.path.lexists(stage):
         return False
     if stage.is_symlink() or not stage.is_dir():
@@ -329,11 +326,7 @@ def _refuse_unasked(folder: Path, name: str, manifest: Manifest, *, replace: boo
 
 
 def _refuse_foreign(folder: Path, file: str, manifest: Manifest, *, owner: str | None = None) -> str:
-    """The content of a file of ours that may be replaced; it must belong to the result ``owner``, if one is named.
-
-    Raises:
-        OutputError: it is not ours, was changed since, or belongs to another result.
-    """
+    """The content of a file of ours that may be replaced; it must belong to the result ``owner``, if one is named."""
     path, found = folder / file, manifest.owner(file)
     if found is None:
         raise OutputError(

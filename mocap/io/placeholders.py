@@ -22,14 +22,11 @@ NAMED = 8
 
 
 def without_placeholders(recording: FileContents) -> FileContents:
-    """The recording with placeholders as missing samples, counted and named.
+    """The recording, as its format reads it, with placeholders as missing samples, counted and named.
 
     Zeros stay where their marker moves through them, and where cameras measured them throughout (a marker at the origin
     whose samples have residuals above 0). A marker that is at zero in all of its samples was never seen: noise leaves
     no measured marker there, not even one that lies still.
-
-    Args:
-        recording: As its format reads it.
     """
     points, pixels, told = recording.points, recording.pixels, []
     if recording.format in EXPLICIT:
@@ -58,16 +55,12 @@ def without_placeholders(recording: FileContents) -> FileContents:
 
 
 def placeholders(values: Array, measured: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-    """(T, M) samples that stand for missing ones.
+    """(T, M) samples that stand for missing ones in (T, M, d) coordinates.
 
     All coordinates of such a sample are one number: zero; or one that occurs twice or more and lies outside the range
     of all other coordinates, as 9999.99 and -16512 do. The marker does not move there: the samples before and after are
-    further off than the steps around them are long.
-
-    Args:
-        values: (T, M, d) coordinates; NaN where there is none.
-        measured: (T, M) samples that are known to be measured; these count as placeholders only where their marker is
-            elsewhere before or after. None: not known.
+    further off than the steps around them are long. Of (T, M) samples known to be ``measured`` only those count whose
+    marker is elsewhere before or after.
     """
     seen = np.isfinite(values).all(axis=-1)
     alike = seen & (values == values[..., :1]).all(axis=-1)
@@ -94,7 +87,7 @@ def placeholders(values: Array, measured: NDArray[np.bool_] | None = None) -> ND
 
 
 def _elsewhere(places: Array, away: NDArray[np.bool_], here: NDArray[np.bool_], coarse: float) -> NDArray[np.bool_]:
-    """(T,) samples at a placeholder that their marker does not move through.
+    """(T,) samples ``here`` at a placeholder that their marker does not move through.
 
     Args:
         places: (T, d) coordinates, from the placeholder.

@@ -84,11 +84,7 @@ def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
 
 
 def _check_size(recording: FileContents, which: str, values: Array, most: float, unit: str) -> None:
-    """(T, M, ...) values are not larger than that.
-
-    Raises:
-        FormatError: one is; the message names marker and frame.
-    """
+    """(T, M, ...) values are not larger than that."""
     if not values.size or not max(-np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)) > most:
         return
     row, marker, axis = np.argwhere(np.abs(values) > most)[0]
@@ -100,11 +96,7 @@ def _check_size(recording: FileContents, which: str, values: Array, most: float,
 
 
 def _check_covariances(recording: FileContents, cov: Array) -> None:
-    """(T, M, 3, 3) covariances, where they are known, are symmetric and have no negative variance in any direction.
-
-    Raises:
-        FormatError: one is not; the message names marker and frame.
-    """
+    """(T, M, 3, 3) covariances, where they are known, are symmetric and have no negative variance in any direction."""
     known = ~np.isnan(cov[..., 0, 0])
     with np.errstate(all="ignore"):
         size = np.abs(cov).max(axis=(-1, -2))

@@ -151,10 +151,7 @@ def _content(path: Path) -> str:
 
 
 def read_folder(path: Path) -> FileContents:
-    """Pixels and likelihoods of a folder of JSON files, or of one file.
-
-    Args:
-        path: The folder of one camera; a folder of such folders (``cam01_json``, ...); or a file.
+    """Pixels and likelihoods of a folder of JSON files of one camera, of a folder of such folders, or of one file.
 
     Raises:
         FormatError: it holds no poses.

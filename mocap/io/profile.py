@@ -64,11 +64,7 @@ def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Number and cells of each line that is not empty, without a line of titles, in the order of ``_COLUMNS``.
-
-    Raises:
-        FormatError: the file cannot be read, or has none.
-    """
+    """Number and cells of each line that is not empty, without a line of titles, in the order of ``_COLUMNS``."""
     try:
         texts = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:

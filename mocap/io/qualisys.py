@@ -8,11 +8,11 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.apart import variables
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, read_lines
-from mocap.io.matlab import variables
 from mocap.io.optical import rate
 from mocap.io.rigid import fixed_markers
 from mocap.records import Status

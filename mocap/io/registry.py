@@ -13,33 +13,27 @@ from mocap.cameras.origin import flipped
 from mocap.errors import FormatError
 from mocap.io import (
     anipose,
-    argus,
     c3d,
-    caliscope,
     coco,
-    dannce,
     deeplabcut,
     dltdv_files,
     dltdv_set,
     dltdv_sparse,
     easywand,
-    kinovea,
-    mocaptoolbox,
+    matlab_points,
     movement,
     nwb,
-    optitrack,
+    optical_csv,
     other_rigs,
     plain,
     pose_json,
     profile,
     qualisys,
     sleap,
-    storage,
     tables_long,
     tables_wide,
     trc,
-    typed_pixels,
-    vicon,
+    video_tables,
     xmalab,
 )
 from mocap.io.contents import FILLED, FileContents
@@ -63,21 +57,17 @@ FORMATS: tuple[Format, ...] = (
     *other_rigs.FORMATS,
     *coco.FORMATS,
     *pose_json.FORMATS,
-    *dannce.FORMATS,
-    *caliscope.FORMATS,
-    *kinovea.FORMATS,
-    *storage.FORMATS,
+    *matlab_points.FORMATS,
+    *video_tables.FORMATS,
     *qualisys.FORMATS,
-    *mocaptoolbox.FORMATS,
-    *vicon.FORMATS,
-    *optitrack.FORMATS,
+    *optical_csv.FORMATS,
     *trc.FORMATS,
     *c3d.FORMATS,
     *tables_long.FORMATS,
     *tables_wide.FORMATS,
-    *typed_pixels.FORMATS,
+    *plain.TYPED_FORMATS,
     *xmalab.FORMATS,
-    *argus.FORMATS,
+    *dltdv_files.ARGUS_FORMATS,
     *dltdv_set.FORMATS,
     *offered("mocap.formats", Format).values(),
     *plain.FORMATS,
@@ -123,9 +113,6 @@ def _of_either(
         hints: What the user states.
         format: What the file is, if that is known.
         result: What is wanted, of the file to read and of sentences on how its text was read.
-
-    Raises:
-        FormatError: neither is accepted.
     """
 
     def fits(beginning: Head) -> bool:
@@ -195,18 +182,13 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
 
 @contextmanager
 def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """A table to read in place of one that a spreadsheet or another program wrote, while the context lasts.
+    """A table to read in place of one that a spreadsheet or another program wrote, and sentences on how it was read.
 
-    For readers of one kind of file that the user names as such: camera profiles, coefficients, known points.
-
-    Args:
-        path: Text with any separator, decimal mark and encoding that ``mocap.io.transcribe`` knows, or a workbook.
-
-    Yields:
-        The file to read, and sentences on how the text was read.
+    For readers of one kind of file that the user names as such: camera profiles, coefficients, known points. It is
+    there while the context lasts.
 
     Raises:
-        FormatError: its text is none of these.
+        FormatError: its text has no separator, decimal mark and encoding that ``mocap.io.transcribe`` knows.
     """
     with transcribed(path, known=_known) as (file, told):
         yield file, told
@@ -282,11 +264,7 @@ def parts(recording: FileContents) -> dict[str, str]:
 
 
 def _from_the_top(path: Path, format: Format, recording: FileContents) -> FileContents:
-    """The recording with pixel rows counted from the upper left.
-
-    Raises:
-        FormatError: an image's height is not known, or the calibration that is written belongs to the rows as they are.
-    """
+    """The recording with pixel rows counted from the upper left."""
     sizes = [camera.size_px for camera in recording.cameras] or [size for _, size in recording.lenses]
     if recording.pixels is None or None in sizes or not sizes or (recording.cameras and "cameras" in format.holds):
         raise FormatError(
@@ -298,15 +276,9 @@ def _from_the_top(path: Path, format: Format, recording: FileContents) -> FileCo
 
 
 def write(recording: FileContents, path: Path, name: str | None = None, *, filled: bool = False) -> list[str]:
-    """Write a recording.
+    """Write a recording to a file, in place of what is there, as the end of its name says or ``name`` does.
 
     Filled samples go to formats that can say that they are filled; to others only where ``filled`` asks for them.
-
-    Args:
-        recording: What to write.
-        path: File to write; what is there is replaced.
-        name: Format; None: as the end of the file's name says.
-        filled: Whether filled samples are written as if measured where the format cannot tell.
 
     Returns:
         A sentence for each thing that the file does not hold, or holds otherwise.

@@ -68,11 +68,7 @@ def titles(path: Path) -> list[str]:
 
 
 def read_rows(path: Path, kinds: dict[str, type]) -> "pd.DataFrame":
-    """The rows of a CSV file.
-
-    Args:
-        path: The file.
-        kinds: Of each column ``str`` or ``float``.
+    """The rows of a CSV file, each column of the kind ``str`` or ``float``.
 
     Raises:
         FormatError: it is cut or empty, or holds a cell that is no finite number.

@@ -13,8 +13,8 @@ import numpy as np
 from mocap.documents import from_json
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
-from mocap.io.cells import as_cell, from_cell
 from mocap.io.contents import FileContents, pixel_recording, point_recording, points_of
+from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
@@ -57,11 +57,7 @@ def _long(path: Path, recording: FileContents) -> "pd.DataFrame":
 
 
 def _recording(path: Path, format: str, table: "pd.DataFrame", fps: float | None) -> FileContents:
-    """A recording from rows, which must be the whole grid of frames, markers and cameras, sorted.
-
-    Raises:
-        FormatError: a column is missing, the grid is not whole, or rows contradict themselves.
-    """
+    """A recording from rows, which must be the whole grid of frames, markers and cameras, sorted."""
     axes = next((axes for axes in _AXES if set(axes) <= set(table.columns)), ("x", "y", "z"))
     filmed = _AXES[axes] == "px"
     lacking = [

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from mocap.errors import FormatError
-from mocap.io.cells import as_cells, as_workbook_cell, from_cell
 from mocap.io.contents import FileContents, point_recording, points_of
+from mocap.io.csv_table import as_cells, as_workbook_cell, from_cell
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times

@@ -205,11 +205,7 @@ def _cell(pattern: str, separator: str) -> re.Pattern[str]:
 
 
 def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
-    """A text with semicolons between its cells as one with commas and decimal points.
-
-    Raises:
-        FormatError: some numbers have decimal commas, others points.
-    """
+    """A text with semicolons between its cells as one with commas and decimal points."""
     told = "cells are separated by semicolons"
     if found := _decimal_comma(text, ";"):
         if point := _cell(_WITH_POINT, ";").search(text) if "." in text else None:

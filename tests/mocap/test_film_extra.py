@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from mocap.datasets.movie import write_movies
 
-from mocap.io.film import FilmError
-from mocap.io.movies import open_movie
+from mocap.io.movies import FilmError, open_movie
 from mocap.rerun.log_video import av1
 from tests.conftest import ROOT
 from tests.mocap.test_cli import files, track_arguments  # noqa: F401 - fixtures

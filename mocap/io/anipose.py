@@ -23,6 +23,7 @@ from mocap.schema import LARGEST, Entry, checked
 
 _FIELDS = ("x", "y", "z", "error", "ncams", "score")
 _FRAME = [*(f"M_{i}{j}" for i in range(3) for j in range(3)), *(f"center_{i}" for i in range(3))]
+_KEYS = {"matrix", "distortions", "rotation", "translation"}
 PLACEHOLDER = 10.0
 """``_error`` of points that Anipose's filter in 3D put in."""
 
@@ -55,7 +56,7 @@ def camera_sections(path: Path) -> list[tuple[str, Any]]:
     if not numbered and isinstance(array, dict):
         numbered = {key: (f"cam_{key}", part) for key, part in array.items() if re.fullmatch(r"\d{1,9}", key)}
     found = [numbered[key] for key in sorted(numbered, key=int) if not _is_left_out(numbered[key][1])]
-    found = found or [(key, part) for key, part in table.items() if _names_a_camera(part)]
+    found = found or [(key, part) for key, part in table.items() if isinstance(part, dict) and part.keys() >= _KEYS]
     if not found:
         raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
     return found
@@ -63,15 +64,8 @@ def camera_sections(path: Path) -> list[tuple[str, Any]]:
 
 def _is_left_out(section: Any) -> bool:
     """Whether Caliscope was told to ignore a camera, of which it then knows no place."""
-    return (
-        isinstance(section, dict)
-        and section.get("ignore") is True
-        and not section.keys() >= {"rotation", "translation"}
-    )
-
-
-def _names_a_camera(section: Any) -> bool:
-    return isinstance(section, dict) and {"matrix", "distortions", "rotation", "translation"} <= section.keys()
+    ignored = isinstance(section, dict) and section.get("ignore") is True
+    return ignored and not section.keys() >= {"rotation", "translation"}
 
 
 def _camera(path: Path, key: str, section: Any) -> Camera:
@@ -200,7 +194,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
 
 def _is_calibration(head: Head) -> bool:
     keys = {line.partition("=")[0].strip() for line in head.lines if "=" in line}
-    if head.name.endswith(".toml") and {"matrix", "distortions", "rotation", "translation"} <= keys:
+    if head.name.endswith(".toml") and keys >= _KEYS:
         return True
     return any(re.fullmatch(r"\s*\[\s*(cam_|cameras\.)\d+\s*\]\s*", line) for line in head.lines)
 
@@ -233,18 +227,14 @@ def write_lenses(path: Path, lenses: Sequence[KnownLens]) -> None:
     Raises:
         FormatError: one has no picture size.
     """
-    cameras = [
-        pinhole_camera(
-            known.name,
-            intrinsic=known.lens.intrinsic,
-            rotation=np.eye(3),
-            translation_m=np.zeros(3),
-            lens=known.lens,
-            size_px=known.size_px,
-        )
-        for known in lenses
-    ]
-    write_calibration(path, cameras)
+    place = {"rotation": np.eye(3), "translation_m": np.zeros(3)}
+    write_calibration(
+        path,
+        [
+            pinhole_camera(one.name, intrinsic=one.lens.intrinsic, lens=one.lens, size_px=one.size_px, **place)
+            for one in lenses
+        ],
+    )
     text = path.read_text(encoding="utf-8")
     for i, known in enumerate(lenses):
         more = f"free = {list(known.free)}\ncovariance = {known.cov.tolist()}\n"

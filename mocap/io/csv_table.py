@@ -112,9 +112,10 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
         body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
     _check_columns(path, body, width, line)
     try:
-        values = _few(body) if len(body) < SMALL else _many(body)
+        values = _many(body) if len(body) >= SMALL else None
     except ValueError:
-        raise FormatError(_bad_cell(path, body, names, line)) from None
+        values = None
+    values = _few(path, body, names, line) if values is None else values
     with np.errstate(invalid="ignore"):
         wrong = np.abs(values) > LARGEST
     if wrong.any():
@@ -127,27 +128,30 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
     return values
 
 
-def _few(body: bytes) -> Array:
-    """Numbers of lines of as many cells.
+def _few(path: Path, body: bytes, names: Sequence[str], first_line: int) -> Array:
+    """Numbers of lines of as many cells."""
+
+    def value(cell: str, row: int, column: int) -> float:
+        bare = cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
+        if bare in MISSING_WORDS:
+            return np.nan
+        if _NUMBER.fullmatch(cell):
+            return float(bare)
+        where = names[column] if names else f"column {column + 1}"
+        raise FormatError(
+            f"{path.name}: line {row + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
+        )
+
+    rows = [line.split(",") for line in body.decode("utf-8", "replace").split("\n")]
+    return np.array([[value(c, i, j) for j, c in enumerate(row)] for i, row in enumerate(rows)], dtype=np.float64)
+
+
+def _many(body: bytes) -> Array:
+    """The same by pandas.
 
     Raises:
         ValueError: a cell is no number.
     """
-    rows = [[_value(cell) for cell in line.split(",")] for line in body.decode("ascii").split("\n")]
-    return np.array(rows, dtype=np.float64)
-
-
-def _value(cell: str) -> float:
-    bare = cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
-    if bare in MISSING_WORDS:
-        return np.nan
-    if not _NUMBER.fullmatch(cell):
-        raise ValueError(cell)
-    return float(bare)
-
-
-def _many(body: bytes) -> Array:
-    """The same by pandas."""
     import pandas as pd
 
     if any(letter in body for letter in (b"u", b"U", b"l", b"L")) and _TRUTH.search(body):
@@ -177,15 +181,6 @@ def _check_columns(path: Path, body: bytes, expected: int | None, first_line: in
         raise FormatError(
             f"{path.name}: line {i + first_line} has {cells[i]} cells, expected {expected}{hint}; export it again"
         )
-
-
-def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) -> str:
-    for i, line in enumerate(body.decode("utf-8", "replace").split("\n")):
-        for j, cell in enumerate(line.split(",")):
-            if cell not in MISSING_WORDS and not _NUMBER.fullmatch(cell):
-                where = names[j] if names else f"column {j + 1}"
-                return f"{path.name}: line {i + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
-    return f"{path.name}: contains cells that are not numbers; export it again"
 
 
 def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:

@@ -20,7 +20,6 @@ from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording, views_of
 from mocap.io.format import Format
-from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, image_numbers, number, numbers, read_lines
 
 if TYPE_CHECKING:
@@ -61,10 +60,6 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     parts = [row[index:] for row in rows[1:depth]]
     columns = list(zip(*(parts if len(parts) == 3 else [[""] * (width - index), *parts]), strict=True))
     return columns, values, frames
-
-
-def _is_csv(head: Head) -> bool:
-    return head.first.startswith("scorer,") and any(line.startswith("coords,") for line in head.lines[2:4])
 
 
 def _in_order(values: Array, index: Index) -> tuple[Array, NDArray[np.int64], list[str]]:
@@ -259,7 +254,7 @@ FORMATS = (
     Format(
         name="deeplabcut-csv",
         title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
-        knows=_is_csv,
+        knows=lambda head: head.first.startswith("scorer,") and any(x.startswith("coords,") for x in head.lines[2:4]),
         read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
         write=_write_csv,
         holds=_WRITTEN,

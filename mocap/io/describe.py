@@ -17,7 +17,7 @@ def summary(recording: FileContents) -> dict[str, Any]:
     (their number) and markers without any; ``gaps`` are runs of missing frames between two sightings.
     """
     seen = recording.seen
-    tracks = seen.reshape(-1, *seen.shape[-2:])
+    tracks = seen if seen.ndim == 3 else seen[None]
     sampled = seen.size > 0 and (recording.pixels is not None or recording.points is not None or bool(recording.tables))
     in_frames, of_markers = np.any(tracks, axis=(0, 2)), np.any(tracks, axis=(0, 1))
     lost = [name for name, any_seen in zip(recording.names, of_markers, strict=True) if sampled and not any_seen]

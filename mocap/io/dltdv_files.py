@@ -50,17 +50,9 @@ def _origin_beside(path: Path) -> PixelCorner | None:
 
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     pixels, origin = read_pixels(path, fps=1.0), _origin_beside(path)
-    unknown = "the file does not record the corner that pixel rows are counted from"
-    return FileContents(
-        format="dltdv-xypts",
-        paths=(path,),
-        names=pixels.names,
-        frames=1 + np.arange(len(pixels.t_s)),
-        pixels=pixels,
-        camera_names=pixels.cameras,
-        pixel_origin=origin,
-        findings=(unknown,) if origin is None else (),
-    )
+    told = ("the file does not record the corner that pixel rows are counted from",) if origin is None else ()
+    parts = {"names": pixels.names, "cameras": pixels.cameras, "pixel_origin": origin, "findings": told}
+    return pixel_recording(path, "dltdv-xypts", uv_px=pixels.uv_px, **parts)
 
 
 def _is_points(head: Head) -> bool:
@@ -75,14 +67,8 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         names = tuple(name.removesuffix("filt") for name in points.names)
         points = replace(points, names=names, status=np.where(points.seen, Status.SMOOTHED, Status.MISSING))
         findings += ("points are spline-filtered by DLTdv",)
-    return FileContents(
-        format="dltdv-xyzpts",
-        paths=(path,),
-        names=points.names,
-        frames=1 + np.arange(len(points.t_s)),
-        points=points,
-        findings=findings,
-    )
+    parts = {"names": points.names, "frames": 1 + np.arange(len(points.t_s)), "points": points, "findings": findings}
+    return FileContents(format="dltdv-xyzpts", paths=(path,), **parts)
 
 
 def residuals(path: Path, format: str, end: str) -> FileContents:
@@ -207,15 +193,9 @@ _ARGUS_ENDS = ("_x_lower", "_x_upper", "_y_lower", "_y_upper", "_z_lower", "_z_u
 
 def _argus_pixels(path: Path, _hints: Hints) -> FileContents:
     expected = "names like track_cam_1_x"
-    names, cameras, uv = by_title(path, read_table(path), ARGUS_PIXEL, ["x", "y"], expected=expected)
-    return pixel_recording(
-        path,
-        "argus-xypts",
-        names=names,
-        cameras=[f"cam{camera}" for camera in cameras],
-        uv_px=uv,
-        pixel_origin="lower-left",
-    )
+    names, numbers, uv = by_title(path, read_table(path), ARGUS_PIXEL, ["x", "y"], expected=expected)
+    cameras = [f"cam{number}" for number in numbers]
+    return pixel_recording(path, "argus-xypts", names=names, cameras=cameras, uv_px=uv, pixel_origin="lower-left")
 
 
 def _argus_points(path: Path, _hints: Hints) -> FileContents:

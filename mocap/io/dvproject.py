@@ -8,10 +8,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
-from mocap.cameras.lens import BrownLens
 from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
+from mocap.io.easywand import is_tdata, lens_of
 from mocap.io.optical import rate
 from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
@@ -145,7 +145,7 @@ def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[tuple[Camera
     sizes = data["movsizes"][()].T.astype(int)[:, ::-1]
     cameras = []
     for c, (row, lens) in enumerate(zip(coefficients[()], lenses, strict=True)):
-        camera = dlt_camera(f"cam{c + 1}", row, lens=None if lens is None else _brown(lens))
+        camera = dlt_camera(f"cam{c + 1}", row, lens=None if lens is None else lens_of(lens))
         cameras.append(replace(camera, size_px=(int(sizes[c][0]), int(sizes[c][1]))))
     return tuple(cameras), iterations.pop()
 
@@ -161,13 +161,8 @@ def _tdata(path: Path, file: Any, data: Any, camera: int) -> Array | None:
     if tdata is None:
         return None
     values: Array = np.ravel(tdata[()])
-    if values.shape != (10,) or not np.isfinite(values).all() or not (values[:2] > 0).all() or values[9] < 1:
+    if not is_tdata(values):
         raise FormatError(
             f"{path.name}: lens of camera {camera + 1} is {values}; expected fx fy cx cy k1 k2 p1 p2 k3 iterations"
         )
     return values
-
-
-def _brown(tdata: Array) -> BrownLens:
-    fx, fy, cx, cy, k1, k2, p1, p2, k3, _ = map(float, tdata)
-    return BrownLens(f_px=(fx, fy), centre_px=(cx, cy), k=(k1, k2, k3), p=(p1, p2))

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from mocap.schema import Entry, Schema, checked, names
 
 MANIFEST = ".mocap-manifest.json"
 """Lists the files of each result in a folder."""
+_WHAT = "files that mocap wrote here, with their SHA-256; mocap replaces and removes no other file"
 PARTIAL = ".mocap-partial-"
 """How the name of a hidden folder begins in which a result is written."""
 
@@ -104,7 +105,10 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     handle, name = tempfile.mkstemp(prefix=PARTIAL, suffix=".json", dir=folder)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            json.dump(_plain(manifest), stream, indent=1, sort_keys=True)
+            plain = {"what": _WHAT, **asdict(manifest)}
+            if manifest.pending is None:
+                del plain["pending"]
+            json.dump(plain, stream, indent=1, sort_keys=True)
             stream.write("\n")
             stream.flush()
             os.fsync(stream.fileno())
@@ -117,29 +121,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     sync_folder(folder)
 
 
-def _plain(manifest: Manifest) -> dict[str, object]:
-    plain: dict[str, object] = {
-        "what": "files that mocap wrote here, with their SHA-256; mocap replaces and removes no other file",
-        "results": {name: _plain_listing(listing) for name, listing in manifest.results.items()},
-    }
-    pending = manifest.pending
-    if pending is not None:
-        new = _plain_listing(pending.new)
-        plain["pending"] = {
-            "name": pending.name, "stage": pending.stage, "new": new, "replaces": dict(pending.replaces)
-        }  # fmt: skip
-    return plain
-
-
-def _plain_listing(listing: Listing) -> dict[str, object]:
-    return {"files": dict(listing.files), "folders": list(listing.folders)}
-
-
-_FILES: Schema = {
-    "files": names("files"),
-    "sha256": Entry(kind="s", shape=("files",)),
-    "folders": names(needed=False),
-}
+_FILES: Schema = {"files": names("files"), "sha256": Entry(kind="s", shape=("files",)), "folders": names(needed=False)}
 _PENDING: Schema = {"name": Entry(kind="s"), "stage": Entry(kind="s")}
 _SHA256 = re.compile("[0-9a-f]{64}")
 _STAGE = re.compile(re.escape(PARTIAL) + r"\w+", re.ASCII)

@@ -88,10 +88,6 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
     return _recording(path, "label3d", shaped, numbers, names=[str(word) for word in words] or None)
 
 
-def _is_predictions(head: Head) -> bool:
-    return bool({"pred", "com"} & head.mat) and bool({"sampleID", "p_max"} & head.mat)
-
-
 _FIELDS = {"type", "nMarkers", "freq", "markerName", "data"}
 
 
@@ -141,7 +137,12 @@ def _has_structure(head: Head) -> bool:
 
 
 FORMATS = (
-    Format(name="dannce", title="predictions of DANNCE (.mat)", knows=_is_predictions, read=_predictions),
+    Format(
+        name="dannce",
+        title="predictions of DANNCE (.mat)",
+        knows=lambda head: bool({"pred", "com"} & head.mat and {"sampleID", "p_max"} & head.mat),
+        read=_predictions,
+    ),
     Format(
         name="label3d",
         title="labels of Label3D, also as DANNCE takes them (.mat)",

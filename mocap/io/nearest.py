@@ -96,14 +96,9 @@ def looks_like(head: Head) -> str:
     for name, separator in (("commas", ","), ("tabs", "\t"), ("semicolons", ";")):
         counts = [len(row.split(separator)) for row in rows]
         if len(rows) >= 2 and counts[-1] > 1 and counts.count(counts[-1]) > len(rows) / 2:
-            titles = [i for i, row in enumerate(rows) if not _numbers(row, separator)]
-            kind = (
-                "rows of numbers"
-                if not titles
-                else f"{len(titles)} rows of titles first"
-                if len(titles) < 6
-                else "text"
-            )
+            titles = [row for row in rows if not _numbers(row, separator)]
+            kind = f"{len(titles)} rows of titles first" if len(titles) < 6 else "text"
+            kind = kind if titles else "rows of numbers"
             return f"a table of {counts[-1]} columns, separated by {name}, {kind}, {begins}"
     return f"text {begins}"
 

@@ -40,10 +40,8 @@ def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False, loose: Collection[
         names = dict.fromkeys((*coordinates, *map(str, variables)))
         for name in sorted(names, key=lambda name: name not in numbers):  # dimensions first
             one = variables[name]
-            pack = (
-                PACKED if packed and name in dataset.data_vars and name not in loose and one.size and one.ndim else {}
-            )
-            data = _write(file, name, one, pack)
+            pack = packed and name in dataset.data_vars and name not in loose and one.size and one.ndim
+            data = _write(file, name, one, PACKED if pack else {})
             data.attrs.create(_DIMENSIONS, np.array([numbers[str(dim)] for dim in one.dims], dtype=np.int32))
             if name in numbers:
                 scales[name] = _scale(data, name, numbers[name])

@@ -110,8 +110,7 @@ def read_vicon(path: Path) -> FileContents:
     if len(head) < 4 or [cell.strip() for cell in head[2][:2]] != ["Frame", "Sub Frame"]:
         raise FormatError(
             f"{path.name}: lines {start + 2} to {start + 5} should contain the rate, marker names, Frame,Sub "
-            "Frame,X,Y,Z "
-            "and units: export it again"
+            "Frame,X,Y,Z and units: export it again"
         )
     axes = [cell.strip().upper() for cell in head[2][2:]]
     named = [column for column, cell in enumerate(head[1][2:]) if cell.strip()]
@@ -130,11 +129,8 @@ def read_vicon(path: Path) -> FileContents:
     end = next(empty, len(lines))
     rows = lines[start + 5 : end]
     following = next((i for i in range(end, len(lines)) if lines[i].strip(", \t")), None)
-    if (
-        following is not None
-        and np.isfinite(number(lines[following].split(separator)[0]))
-        and separator in lines[following]
-    ):
+    cells = [] if following is None else lines[following].split(separator)
+    if following is not None and len(cells) > 1 and np.isfinite(number(cells[0])):
         raise FormatError(
             f"{path.name}: line {following + 1}: frames go on after the empty line {end + 1}: remove that line, or "
             "export it again"

@@ -118,12 +118,9 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
             turned.append(f"{name} by {section.get('viewrotation')} degrees")
     if not cameras:
         raise FormatError(f"{path.name}: no calibrated camera in this calibration of QTM: export it after calibrating")
-    told = (
-        (f"films are shown turned ({', '.join(turned)}): pixels must be those of the film as it was recorded",)
-        if turned
-        else ()
-    )
-    return calibration_recording(path, "qualisys-calibration", tuple(cameras), unit="mm", findings=told)
+    told = f"films are shown turned ({', '.join(turned)}): pixels must be those of the film as it was recorded"
+    findings = (told,) if turned else ()
+    return calibration_recording(path, "qualisys-calibration", tuple(cameras), unit="mm", findings=findings)
 
 
 def _vicon(path: Path, _hints: Hints) -> FileContents:

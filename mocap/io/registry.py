@@ -14,24 +14,23 @@ from mocap.errors import FormatError
 from mocap.io import (
     anipose,
     c3d,
-    coco,
     deeplabcut,
     dltdv_files,
     dltdv_set,
     dltdv_sparse,
     easywand,
+    keypoints_json,
     matlab_points,
     movement,
     nwb,
     optical_csv,
     other_rigs,
     plain,
-    pose_json,
     profile,
     qualisys,
     sleap,
+    tables,
     tables_long,
-    tables_wide,
     trc,
     video_tables,
     xmalab,
@@ -55,8 +54,8 @@ FORMATS: tuple[Format, ...] = (
     *nwb.FORMATS,
     *anipose.FORMATS,
     *other_rigs.FORMATS,
-    *coco.FORMATS,
-    *pose_json.FORMATS,
+    *keypoints_json.COCO_FORMATS,
+    *keypoints_json.FORMATS,
     *matlab_points.FORMATS,
     *video_tables.FORMATS,
     *qualisys.FORMATS,
@@ -64,7 +63,7 @@ FORMATS: tuple[Format, ...] = (
     *trc.FORMATS,
     *c3d.FORMATS,
     *tables_long.FORMATS,
-    *tables_wide.FORMATS,
+    *tables.FORMATS,
     *plain.TYPED_FORMATS,
     *xmalab.FORMATS,
     *dltdv_files.ARGUS_FORMATS,
@@ -161,9 +160,7 @@ def read(path: Path, hints: Hints | None = None) -> FileContents:
         FormatError: it is of none, or not what its format promises.
     """
     hints = hints or Hints()
-    if path.is_dir():
-        return read_as(by_name("pose-json"), path, hints)
-    return read_as(identify(path, hints), path, hints)
+    return read_as(by_name("pose-json") if path.is_dir() else identify(path, hints), path, hints)
 
 
 def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
@@ -173,11 +170,17 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
         FormatError: it is not what the format promises.
     """
     if path.is_dir():
-        return plausible(pose_json.read_folder(path))
+        return plausible(keypoints_json.read_folder(path))
     if format.name in BESIDE:
         return plausible(format.read(path, hints))
 
-    return _of_either(path, hints, format, lambda file, told: _of(path, told, _read_as(format, file, hints)))
+    def of_file(file: Path, told: Sequence[str]) -> FileContents:
+        """As of the file that the user named, its findings beginning with how its text was read."""
+        _ = head(file).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
+        found = plausible(format.read(file, hints))
+        return replace(found, paths=(path,), findings=(*told, *found.findings), assumed=(*told, *found.assumed))
+
+    return _of_either(path, hints, format, of_file)
 
 
 @contextmanager
@@ -192,16 +195,6 @@ def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
     """
     with transcribed(path, known=_known) as (file, told):
         yield file, told
-
-
-def _of(path: Path, told: Sequence[str], recording: FileContents) -> FileContents:
-    """A recording as of the file that the user named, its findings beginning with how the text was read."""
-    return replace(recording, paths=(path,), findings=(*told, *recording.findings), assumed=(*told, *recording.assumed))
-
-
-def _read_as(format: Format, path: Path, hints: Hints) -> FileContents:
-    _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
-    return plausible(format.read(path, hints))
 
 
 def writer(path: Path, name: str | None) -> Format:

@@ -117,7 +117,7 @@ def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -
     alone = [name for name in markers if sum(name in r.names for r in pixels) < 2]
     if alone:
         findings.append(f"only one view has the markers {', '.join(alone[:8])}{', ...' if len(alone) > 8 else ''}")
-    origins = {r.pixel_origin for r in pixels}
+    origins: set[PixelCorner | None] = {r.pixel_origin for r in pixels}
     found = _of_files(pixels, markers, names, frames, table, origins.pop() if len(origins) == 1 else None, findings)
     return replace(found, animals=pixels[0].animals) if list(pixels[0].names) == markers else found
 

@@ -105,10 +105,8 @@ def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
     text, told = decoded(path, data)
     text = one_kind(text)
     if hint := _SEP.match(text):
-        text, told = (
-            text[hint.end() :],
-            (*told, f"the first line, {hint[0].strip()!r}, was left out, and is not counted"),
-        )
+        text = text[hint.end() :]
+        told = (*told, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
     head = Head(path, text[:LENGTH].encode())
     separator = _separator(head.lines)
     if separator == ";":

@@ -31,6 +31,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
             f"{path.name}: does not begin with PathFileType and the four header lines of a TRC file: export it again"
         )
     separator = next((mark for mark in "\t," if mark in lines[1]), None)
+    mark = separator or "\t"
     keys, told, titles = ([cell.strip() for cell in line.split(separator)] for line in lines[1:4])
     head = dict(zip(keys, told, strict=False))
     if not head.get("Units"):
@@ -40,32 +41,29 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     rows = [(i, line) for i, line in enumerate(lines[5:], start=6) if line.strip(", \t")]
     if not rows:
         raise FormatError(f"{path.name}: no frames after the header: export it again")
-    counts = [line.count(separator or "\t") + 1 for _, line in rows]
+    counts = [line.count(mark) + 1 for _, line in rows]
     usual = max(set(counts), key=counts.count)
     for (line, _), count in zip(rows, counts, strict=True):
         if count > usual and (count - usual) % 3:  # no whole trajectory more
             raise FormatError(f"{path.name}: line {line} has {count} cells, expected {usual}: export it again")
     text = [line.rstrip("\t, ") if separator else "\t".join(line.split()) for _, line in rows]
-    names, findings = _names(path, titles, text, separator or "\t")
+    names, findings = _names(path, titles, text, mark)
     if head.get("NumMarkers") != str(len(names)):
         findings.append(f"NumMarkers is {head.get('NumMarkers', 'missing')}, but there are {len(names)} trajectories")
     width = 2 + 3 * len(names)
     ends = [separator is not None and line.count(separator) + 1 < width for _, line in rows]
-    whole = [(line.count(separator or "\t") - 1) % 3 == 0 for line in text]
+    whole = [(line.count(mark) - 1) % 3 == 0 for line in text]
     short = sum(end and full for end, full in zip(ends, whole, strict=True))
     if short:  # Cortex ends a row after the last trajectory that it saw
         findings.append(f"{short} rows end before the last trajectory, which was read as not seen there")
+    filled = zip(text, ends, whole, strict=True)
     text = [
-        line.ljust(len(line) + width - 1 - line.count(separator or "\t"), separator or "\t")
-        if full or not end
-        else line
-        for line, end, full in zip(text, ends, whole, strict=True)
+        line + mark * max(0, width - 1 - line.count(mark)) if full or not end else line for line, end, full in filled
     ]
-    values = numbers(path, text, separator=separator or "\t", columns=width, first_line=rows[0][0])
+    values = numbers(path, text, separator=mark, columns=width, first_line=rows[0][0])
     frames, times = values[:, 0], values[:, 1]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
-    xyz = values[:, 2:]
     fps, said = _rate(path, times, head.get("DataRate", ""))
     findings += said
     if str(len(rows)) != head.get("NumFrames"):
@@ -75,7 +73,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         path,
         "trc",
         names=names,
-        xyz=xyz,
+        xyz=values[:, 2:],
         unit=unit,
         frames=frame_numbers(path, frames, first_line=rows[0][0]),
         fps=fps,

@@ -137,12 +137,8 @@ def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tu
     far = np.linalg.norm(places - np.nanmedian(xyz.reshape(-1, 3), axis=0), axis=-1)
     bounds = ANIMALS_M if several else PATHS_M
     unit = guessed(long, bounds_m=bounds) or "m"
-    distant = np.median(far) * UNIT_M[unit] > DISTANT_M
-    more = (
-        f" and filmed from {length_text(far.min() * UNIT_M[unit])} to {length_text(far.max() * UNIT_M[unit])} away"
-        if distant
-        else ""
-    )
+    near, farthest = (length_text(distance * UNIT_M[unit]) for distance in (far.min(), far.max()))
+    more = f" and filmed from {near} to {farthest} away" if np.median(far) * UNIT_M[unit] > DISTANT_M else ""
     what = "the animal" if several else "the path of the marker"
     unit, said = told(long, np.nan, bounds_m=bounds, where=where, what=what, more=more)
     return unit, (said,)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, record
-from mocap.io.film import pyav
+from mocap.io.movies import pyav
 from mocap.records import PixelTracks
 
 FIRST_PIXEL = 1.0

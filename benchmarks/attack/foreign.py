@@ -212,7 +212,8 @@ def attacked(case: Case, root: Path, *, one_file: bool) -> str:
     earlier = signal.signal(signal.SIGALRM, _stop)
     signal.alarm(SECONDS)
     try:
-        outside = [path for path in current_files(folder).values() if folder not in path.resolve().parents]
+        inside = os.path.join(os.path.realpath(folder), "")
+        outside = [path for path in current_files(folder).values() if not os.path.realpath(path).startswith(inside)]
         if one_file:
             with result_file(folder / "o.trc", replace=True) as file:
                 file.write_text("new")

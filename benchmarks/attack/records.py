@@ -38,9 +38,8 @@ from mocap.cameras.known_lens import KnownLens
 from mocap.cameras.lens import BrownLens
 from mocap.digitising.clicks import Click, read_unseen, write_unseen
 from mocap.errors import MocapError
-from mocap.io.anipose import read_calibration
+from mocap.io.anipose import read_calibration, read_lenses, write_lenses
 from mocap.io.contents import point_recording
-from mocap.io.lens_file import read_lenses, write_lenses
 from mocap.io.registry import read, write
 from mocap.pipeline.job import run_job
 from mocap.pipeline.model_file import load_model, save_model

@@ -56,8 +56,8 @@ from benchmarks.gaps.takes import Take, believed, blocks, trials_of
 from eal.arrays import Array
 from mocap.io.c3d import read_c3d
 from mocap.io.dvproject import read_project
+from mocap.io.optical_csv import read_vicon
 from mocap.io.qualisys import read_mat, read_tsv
-from mocap.io.vicon import read_csv
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import of_pixels
 from mocap.records import Status
@@ -192,7 +192,7 @@ def snake_gap() -> list[Trial]:
     """Crossings of a gap, cut in blocks: 3 of the one, 4 of the other."""
     parts = []
     for name, count in (("040_Snake94_gap02_3", 3), ("053_Snake89_gap02_1", 4)):
-        tracks = read_csv(DATA / "snake_gap_vicon" / f"{name}.csv").points
+        tracks = read_vicon(DATA / "snake_gap_vicon" / f"{name}.csv").points
         snake = [m for m, marker in enumerate(tracks.names) if marker.startswith("Snake")]
         xyz = believed(tracks.t_s, tracks.xyz_m[:, snake], [tracks.names[m] for m in snake])
         parts += blocks(name, tracks.t_s, xyz, count)

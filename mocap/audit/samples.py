@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.findings import MOST, Finding
-from mocap.io.placeholders import rounding
+from mocap.io.plausible import rounding
 from mocap.records import MarkerTracks, PixelTracks
 
 STEPS_PX = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125)

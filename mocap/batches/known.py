@@ -14,8 +14,7 @@ from mocap.batches.trial import Trial
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io.crop import crops_beside
-from mocap.io.lock import locked
-from mocap.io.manifest import PARTIAL, current_files, digest
+from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
 from mocap.results.stored import RECORDING
 from mocap.schema import Entry, Schema, checked

@@ -18,7 +18,7 @@ from mocap.batches.roles import DATA
 from mocap.batches.trial import some
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
-from mocap.io.cells import as_cell, from_cell
+from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.output import result_file
 
 SUMMARY, PAGE, TIMES = "summary.csv", "summary.html", "times"

@@ -149,7 +149,7 @@ def lenses(
     as_json: AsJson = False,
 ) -> None:
     """Each camera's lens from its own pictures or film of a board; `places` then finds where the cameras are."""
-    from mocap.io.lens_file import NAME, write_lenses
+    from mocap.io.anipose import NAME, write_lenses
     from mocap.io.output import result_folder
     from mocap.pipeline.calibrate_lenses import lenses_from_pictures
     from mocap.pipeline.calibration_files import write_report

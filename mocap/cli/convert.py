@@ -38,8 +38,8 @@ def convert(
     as_json: AsJson = False,
 ) -> None:
     """Write a recording in another format; what that format cannot store is listed, or refused."""
-    from mocap.io.convert import convert_files
     from mocap.io.output import result_file
+    from mocap.io.together import convert_files
 
     whole = None
     if crop:

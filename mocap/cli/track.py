@@ -163,7 +163,7 @@ def block_size(recording: "Recording", asked: int | None) -> int:
 
 def range_source(tracks: list[Path], stated: RecordingOptions, blocks: int | None) -> "LongRecording | None":
     """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
-    from mocap.io.parquet_range import ParquetPoints
+    from mocap.io.tables_long import ParquetPoints
     from mocap.pipeline.blocks import BLOCK, LONG
     from mocap.pipeline.long import long_parquet
 

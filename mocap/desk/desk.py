@@ -26,7 +26,7 @@ from mocap.desk.proof import Proof, open_proof
 from mocap.desk.session import Session
 from mocap.errors import MocapError
 from mocap.findings import Finding
-from mocap.io.lock import locked
+from mocap.io.manifest import locked
 from mocap.io.output import result_file, result_folder
 from mocap.io.unstated_unit import UNIT
 from mocap.pipeline.edits import read_edits, standing

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, decompose, pinhole_camera
+from mocap.cameras.camera import Camera, decompose, pinhole_camera, pinhole_lens
+from mocap.cameras.known_lens import KnownLens
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.documents import read_toml
 from mocap.errors import FormatError
@@ -22,6 +23,7 @@ from mocap.schema import LARGEST, Entry, checked
 
 _FIELDS = ("x", "y", "z", "error", "ncams", "score")
 _FRAME = [*(f"M_{i}{j}" for i in range(3) for j in range(3)), *(f"center_{i}" for i in range(3))]
+_KEYS = {"matrix", "distortions", "rotation", "translation"}
 PLACEHOLDER = 10.0
 """``_error`` of points that Anipose's filter in 3D put in."""
 
@@ -54,7 +56,7 @@ def camera_sections(path: Path) -> list[tuple[str, Any]]:
     if not numbered and isinstance(array, dict):
         numbered = {key: (f"cam_{key}", part) for key, part in array.items() if re.fullmatch(r"\d{1,9}", key)}
     found = [numbered[key] for key in sorted(numbered, key=int) if not _is_left_out(numbered[key][1])]
-    found = found or [(key, part) for key, part in table.items() if _names_a_camera(part)]
+    found = found or [(key, part) for key, part in table.items() if isinstance(part, dict) and part.keys() >= _KEYS]
     if not found:
         raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
     return found
@@ -62,15 +64,8 @@ def camera_sections(path: Path) -> list[tuple[str, Any]]:
 
 def _is_left_out(section: Any) -> bool:
     """Whether Caliscope was told to ignore a camera, of which it then knows no place."""
-    return (
-        isinstance(section, dict)
-        and section.get("ignore") is True
-        and not section.keys() >= {"rotation", "translation"}
-    )
-
-
-def _names_a_camera(section: Any) -> bool:
-    return isinstance(section, dict) and {"matrix", "distortions", "rotation", "translation"} <= section.keys()
+    ignored = isinstance(section, dict) and section.get("ignore") is True
+    return ignored and not section.keys() >= {"rotation", "translation"}
 
 
 def _camera(path: Path, key: str, section: Any) -> Camera:
@@ -199,7 +194,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
 
 def _is_calibration(head: Head) -> bool:
     keys = {line.partition("=")[0].strip() for line in head.lines if "=" in line}
-    if head.name.endswith(".toml") and {"matrix", "distortions", "rotation", "translation"} <= keys:
+    if head.name.endswith(".toml") and keys >= _KEYS:
         return True
     return any(re.fullmatch(r"\s*\[\s*(cam_|cameras\.)\d+\s*\]\s*", line) for line in head.lines)
 
@@ -215,13 +210,62 @@ FORMATS = (
         name="anipose-calibration",
         title="calibration of Anipose, sleap-anipose, FreeMoCap or caliscope (TOML)",
         knows=_is_calibration,
-        read=lambda path, _: calibration_recording(
-            path,
-            "anipose-calibration",
-            read_calibration(path),
-        ),
+        read=lambda path, _: calibration_recording(path, "anipose-calibration", read_calibration(path)),
         write=lambda path, recording: write_calibration(path, recording.cameras),
         holds=frozenset({"cameras"}),
         suffixes=(".toml",),
     ),
 )
+
+
+NAME = "lenses.toml"
+
+
+def write_lenses(path: Path, lenses: Sequence[KnownLens]) -> None:
+    """Write lenses.
+
+    Raises:
+        FormatError: one has no picture size.
+    """
+    place = {"rotation": np.eye(3), "translation_m": np.zeros(3)}
+    write_calibration(
+        path,
+        [
+            pinhole_camera(one.name, intrinsic=one.lens.intrinsic, lens=one.lens, size_px=one.size_px, **place)
+            for one in lenses
+        ],
+    )
+    text = path.read_text(encoding="utf-8")
+    for i, known in enumerate(lenses):
+        more = f"free = {list(known.free)}\ncovariance = {known.cov.tolist()}\n"
+        text = text.replace(f"[cam_{i}]\n", f"[cam_{i}]\n{more}")
+    path.write_text(text, encoding="utf-8", newline="")
+
+
+def read_lenses(path: Path) -> tuple[KnownLens, ...]:
+    """Lenses of ``lenses.toml``, of any ``calibration.toml``, or of a folder that holds one of them.
+
+    Raises:
+        FormatError: there is none, or its covariance does not belong to it.
+    """
+    if path.is_dir():
+        inside = [path / n for n in (NAME, "calibration.toml") if (path / n).is_file()]
+        if not inside:
+            raise FormatError(f"{path}: contains no {NAME} and no calibration.toml: give the lenses' file")
+        path = inside[0]
+    cameras = read_calibration(path)
+    out = []
+    for camera, (_, section) in zip(cameras, camera_sections(path), strict=True):
+        lens = pinhole_lens(camera) if camera.lens is None else camera.lens
+        again = f"its covariance is not that of its {lens.model} lens: calibrate the lenses again"
+        schema = {
+            "free": Entry(kind="i", shape=("free",), least=0, most=3 + lens.n_coefficients, rising=True, needed=False),
+            "covariance": Entry(shape=("free", "free"), covariance=True, needed=False),
+        }
+        found = checked(f"{path.name}: camera {camera.name!r}", section, schema, again=again)
+        free = tuple(found["free"].tolist()) if "free" in found else ()
+        cov = found.get("covariance", np.zeros((0, 0)))
+        if len(cov) != len(free):
+            raise FormatError(f"{path.name}: camera {camera.name!r}: {again}")
+        out.append(KnownLens(name=camera.name, lens=lens, size_px=camera.size_px, free=free, cov=cov))
+    return tuple(out)

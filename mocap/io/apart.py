@@ -1,41 +1,71 @@
-"""Libraries that damaged files send into endless loops or forbidden memory read in a process of their own.
+"""MATLAB files of version 5 and later, and HDF5: first read in a process of their own, ``apart KIND FILE MOST``.
 
-What they read comes back through a pipe: no folder for temporary files can be full.
+Damaged files send SciPy (1.17) and the HDF5 library (2.0) into endless loops and forbidden memory. That process exits
+with 0 and a pickle of plain values, or with REFUSED and a message on stdout. What it reads comes back through a pipe:
+no folder for temporary files can be full.
 """
 
-import contextlib
+import io
+import math
 import os
+import pickle
 import subprocess
 import sys
-from collections.abc import Callable
+import zlib
+from contextlib import suppress
+from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from mocap.errors import FormatError
-from mocap.io.bounds import most_bytes
-from mocap.io.windows import limit_memory
+from mocap.io.bounds import limit_memory, most_bytes
 
+SECONDS = 20.0
 REFUSED = 3
-"""Exit code of a script that refuses the file; the reason is on stdout."""
+"""Exit code where the file is refused; the reason is on stdout."""
 SPARE_BYTES = 1 << 29
 """What libraries may need beside what they read."""
-UNKNOWN_BYTES = 2 << 30
-"""Address space of Python with its libraries where the system does not tell."""
+_TROUBLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, UnicodeError, AttributeError)
 
 
-def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
-    """What ``python -m SCRIPT FILE MOST`` writes to stdout, with the packages that run here.
-
-    Args:
-        path: The file.
-        script: Name of a module of this folder that calls ``answer``.
-        kind: What the file should be, for messages.
-        seconds: After so long (and a second for each megabyte) the file is given up.
+def variables(path: Path) -> dict[str, Any]:
+    """All variables of a MATLAB file; structs as dictionaries. Not to be changed: the same file is read once.
 
     Raises:
-        FormatError: the script refuses the file, crashes on it, or does not come to an end.
+        FormatError: the file is absent, or cannot be read.
     """
-    module = f"{__name__.rpartition('.')[0]}.{script}"
-    command = [sys.executable, "-P", "-m", module, str(path.absolute()), str(most_bytes(path))]
+    if not path.is_file():
+        raise FormatError(f"{path}: cannot be read: no such file")
+    return _once(path, "MATLAB", path.stat().st_mtime_ns, path.stat().st_size)
+
+
+def root_names(path: Path) -> frozenset[str]:
+    """Names at the root of an HDF5 file, of which all was read; tables of pandas also as ``NAME/pandas_type``.
+
+    Raises:
+        FormatError: it cannot be read.
+    """
+    return frozenset(_once(path, "HDF5", path.stat().st_mtime_ns, path.stat().st_size))
+
+
+@lru_cache(maxsize=2)
+def _once(path: Path, kind: str, _changed_ns: int, _size: int) -> Any:
+    """What a file in one state holds; the sniffers and the reader ask for it in turn."""
+    return pickle.loads(read_apart(path, kind, seconds=SECONDS))
+
+
+def read_apart(path: Path, kind: str, *, seconds: float) -> bytes:
+    """What ``READERS[kind]`` gives of a file, pickled, in another process with the packages that run here.
+
+    After so many seconds, and one for each megabyte, the file is given up.
+
+    Raises:
+        FormatError: the reader refuses the file, crashes on it, or does not come to an end.
+    """
+    command = [sys.executable, "-P", "-m", __name__, kind, str(path.absolute()), str(most_bytes(path))]
     packages = [str(Path(__file__).resolve().parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(packages)}
     try:
@@ -57,28 +87,19 @@ def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
     return done.stdout
 
 
-def answer(read: Callable[[str, int], bytes]) -> int:
-    """The part of a script: ``read(FILE, MOST)`` within limited memory, its result or its trouble to stdout.
-
-    Whatever the libraries print goes to stderr.
+def _answer(kind: str, path: str, most: int) -> int:
+    """The other process: what is read within limited memory, or its trouble, to stdout; what libraries print to stderr.
 
     Returns:
         The exit code: 0, or REFUSED.
     """
-    path, most = sys.argv[1], int(sys.argv[2])
     out, code = os.dup(1), 0
     os.dup2(2, 1)
-    more = SPARE_BYTES + 2 * most  # as it is read, and as it is sent
-    if sys.platform == "win32":
-        limit_memory(UNKNOWN_BYTES + more)
-    else:
-        import resource
-
-        with contextlib.suppress(ValueError, OSError):  # macOS takes no such limit: that of time is left
-            allowed = _address_space(resource.getpagesize()) + more
-            resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
+    for library in ("h5py", "scipy.io") if kind == "MATLAB" else ("h5py",):
+        import_module(library)  # before memory is limited
+    limit_memory(SPARE_BYTES + 2 * most)  # as it is read, and as it is sent
     try:
-        result = read(path, most)
+        result = pickle.dumps(READERS[kind](path, most))
     except MemoryError:
         result, code = b"it asks for more memory than a file of its size can need", REFUSED
     except Exception as error:  # libraries raise whatever their parsers stumble over
@@ -89,9 +110,167 @@ def answer(read: Callable[[str, int], bytes]) -> int:
     return code
 
 
-def _address_space(page: int) -> int:
-    """Bytes of address space that this process has."""
-    try:
-        return page * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    except OSError:
-        return UNKNOWN_BYTES
+def _announced(item: Any) -> int:
+    """Bytes that a dataset says it has, or one of its chunks where that is more."""
+    chunk = math.prod(item.chunks) if item.chunks else 0
+    return max(math.prod(item.shape or (0,)), chunk) * item.dtype.itemsize
+
+
+def hdf5_names(path: str, most: int) -> list[str]:
+    """Names at the root, after a walk that reads attributes and values; what cannot be read is the reader's to refuse.
+
+    Raises:
+        MemoryError: datasets announce more than ``most`` bytes.
+    """
+    import h5py
+
+    total = 0
+
+    def look(_name: str, item: Any) -> None:
+        nonlocal total
+        for key in list(item.attrs):
+            with suppress(*_TROUBLE):
+                item.attrs[key]
+        if isinstance(item, h5py.Dataset):
+            with suppress(*_TROUBLE):
+                total += _announced(item)
+                if total > most:
+                    raise MemoryError
+                item[()]
+
+    with h5py.File(path, "r") as file:
+        root = [str(name) for name in file]
+        with suppress(*_TROUBLE):
+            file.visititems(look)
+        for name in tuple(root):
+            with suppress(*_TROUBLE):
+                root += [f"{name}/pandas_type"] if "pandas_type" in file[name].attrs else []
+    return root
+
+
+def matlab_values(path: str, most: int) -> dict[str, Any]:
+    """The variables, structs as dictionaries, as far as they are plain values.
+
+    Raises:
+        MemoryError: they announce more than ``most`` bytes.
+    """
+    import h5py
+    from scipy.io import loadmat
+
+    if h5py.is_hdf5(path):
+        return _plain(_of_hdf5(path, most))
+    if _announced_by_tags(Path(path)) > most:
+        raise MemoryError
+    return _plain(loadmat(path, simplify_cells=True))
+
+
+READERS = {"HDF5": hdf5_names, "MATLAB": matlab_values}
+
+
+def _plain(value: Any) -> Any:
+    """Dictionaries, lists, arrays and numbers as they are; anything else (functions, opaque objects) as None."""
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        out = np.empty(value.shape, dtype=object)
+        for index in np.ndindex(value.shape):
+            out[index] = _plain(value[index])
+        return out
+    if isinstance(value, np.ndarray):
+        return value if type(value) is np.ndarray and value.dtype.kind in "biufcSU" else None
+    return value if isinstance(value, bool | int | float | complex | str | bytes | np.generic) else None
+
+
+def _announced_by_tags(path: Path) -> int:
+    """Bytes that the variables of a file say they have unpacked: a tag of type and size stands before each."""
+    total, size, compressed = 0, path.stat().st_size, 15
+    with path.open("rb") as stream:
+        order = "big" if stream.read(128)[126:128] == b"MI" else "little"
+        while len(tag := stream.read(8)) == 8:
+            kind, length = (int.from_bytes(tag[i : i + 4], order) for i in (0, 4))
+            start = stream.tell()
+            if start + length > size:
+                raise ValueError(f"a variable of {length} bytes at byte {start} ends after the file")
+            if kind == compressed:
+                inner = zlib.decompressobj().decompress(stream.read(min(length, 256)), 8)
+                total += int.from_bytes(inner[4:8], order)
+            else:
+                total += length
+            stream.seek(start + length)
+    return total
+
+
+def _of_hdf5(path: str, most: int) -> dict[str, Any]:
+    """The variables of a file of version 7.3, which is HDF5, as SciPy gives those of earlier ones."""
+    import h5py
+
+    total = 0
+
+    def value(item: Any) -> Any:
+        nonlocal total
+        kind = item.attrs.get("MATLAB_class", b"")
+        if isinstance(item, h5py.Group):
+            fields = {} if "MATLAB_sparse" in item.attrs else {name: value(field) for name, field in item.items()}
+            columns = [field for field in item.values() if field.attrs.get("MATLAB_class") is None]
+            if not columns or len(columns) < len(item) or not all(isinstance(own, list) for own in fields.values()):
+                return fields
+            return [dict(zip(fields, row, strict=True)) for row in zip(*fields.values(), strict=True)]  # struct array
+        total += _announced(item)
+        if total > most:
+            raise MemoryError
+        if item.attrs.get("MATLAB_empty", 0):
+            return "" if kind == b"char" else np.zeros(0)
+        table = np.transpose(item[()])  # MATLAB's columns are rows there
+        if item.dtype == h5py.ref_dtype:
+            return [value(item.file[reference]) for reference in table.ravel(order="F")]
+        if kind == b"char":
+            rows = ["".join(map(chr, row)) for row in np.atleast_2d(table)]
+            return rows[0] if len(rows) == 1 else rows
+        return np.squeeze(table)[()]
+
+    with h5py.File(path, "r") as file:
+        return {name: value(item) for name, item in file.items() if not name.startswith("#")}
+
+
+if __name__ == "__main__":
+    sys.exit(_answer(sys.argv[1], sys.argv[2], int(sys.argv[3])))
+
+
+_ARRAYS = ("_reconstruct", "ndarray", "dtype", "scalar", "_frombuffer")
+"""What NumPy names in the pickle of an array."""
+
+
+class _Inert(dict):
+    """Stands for whatever else a pickle names; it runs nothing, and keeps nothing."""
+
+    def __init__(self, *_given: Any, **_more: Any) -> None:
+        super().__init__()
+
+    def _nothing(self, *_given: Any) -> "_Inert":
+        return _Inert()
+
+    __setstate__ = __call__ = append = extend = _nothing
+
+
+class _Plain(pickle.Unpickler):
+    inert = False
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module.split(".")[0] == "numpy" and name in _ARRAYS:
+            return super().find_class(module, name)
+        if self.inert:
+            return _Inert
+        raise pickle.UnpicklingError(f"{module}.{name} is neither a number, a text nor an array")
+
+
+def plain_pickle(data: bytes, *, inert: bool = False) -> Any:
+    """What a pickle holds; other objects in it are refused, or passed over where ``inert``.
+
+    Raises:
+        Exception: a damaged pickle raises whatever it likes; ``pickle.UnpicklingError``: it holds another object.
+    """
+    unpickler = _Plain(io.BytesIO(data))
+    unpickler.inert = inert
+    return unpickler.load()

@@ -87,11 +87,7 @@ def reals(data: bytes, processor: int) -> Array:
 
 
 def read_head(path: Path, data: bytes) -> Head:
-    """The head of a file.
-
-    Args:
-        path: Of the file, for messages.
-        data: The whole file.
+    """The head of a file, of which ``data`` is the whole.
 
     Raises:
         FormatError: it is cut, or does not begin like the head of a C3D file.
@@ -240,10 +236,7 @@ def _word(text: bytes) -> str:
 def record(group: int, name: str, value: Any = None) -> bytes:
     """The record of a group (below 0), or of a parameter of it, as Intel's processors lay it out.
 
-    Args:
-        group: Its number; below 0: the record is that of the group itself.
-        name: In capitals.
-        value: Of a parameter: a ``numpy.uint16``, a ``numpy.float32``, or words in bytes.
+    The value of a parameter is a ``numpy.uint16``, a ``numpy.float32``, or words in bytes.
     """
     if value is None:
         body = b""

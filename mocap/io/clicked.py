@@ -19,11 +19,7 @@ UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 
 def read_scene(path: Path, unit: str | None) -> tuple[list[str], Array]:
-    """Names (P) and places (P, 3) in metres of ``[name,]x,y,z``; titles may state the unit, as in ``x_mm``.
-
-    Args:
-        path: A CSV table.
-        unit: m, cm or mm; None: that of the titles, or metres.
+    """Names (P) and places (P, 3) in metres of ``[name,]x,y,z``, as ``unit`` or the titles (``x_mm``) say.
 
     Raises:
         FormatError: other columns, a cell that is no number, or another unit in the titles.

@@ -1,8 +1,10 @@
 """The contents of a file of any format, in one record."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,13 +181,13 @@ def pixel_recording(
     first: int = 1,
     fps: float | None = None,
     calibration: tuple[Camera, ...] = (),
-    **parts: object,
+    **parts: Any,
 ) -> FileContents:
     """A recording of pixel tracks.
 
     Args:
-        path: The file.
-        format: Its format.
+        path: The file, as ``format`` and ``**parts`` a field of the recording.
+        format: See above.
         names: The M markers.
         cameras: The C cameras.
         uv_px: (C, T, M, 2) pixels.
@@ -193,29 +195,17 @@ def pixel_recording(
         first: Number of the frame at time 0.
         fps: Frames a second.
         calibration: Of the cameras, if the file holds it.
-        **parts: Other fields of the recording.
+        **parts: See above.
 
     Raises:
         FormatError: a name appears twice, or frame numbers do not increase.
     """
     frames = first + np.arange(uv_px.shape[1]) if frames is None else frames
-    try:
-        pixels = PixelTracks(
-            names=tuple(names), cameras=tuple(cameras), t_s=(frames - first) / (fps or 1.0), uv_px=uv_px
-        )
-    except ValueError as error:
-        raise FormatError(f"{path.name}: {error}; correct it and export again") from None
-    return FileContents(
-        format=format,
-        paths=(path,),
-        names=pixels.names,
-        frames=frames,
-        fps=fps,
-        pixels=pixels,
-        camera_names=pixels.cameras,
-        cameras=calibration,
-        **parts,  # type: ignore[arg-type]
-    )
+    with _as_format_error(path):
+        t_s, names, cameras = (frames - first) / (fps or 1.0), tuple(names), tuple(cameras)
+        parts["pixels"] = PixelTracks(names=names, cameras=cameras, t_s=t_s, uv_px=uv_px)
+    parts |= {"names": names, "camera_names": cameras, "cameras": calibration, "frames": frames, "fps": fps}
+    return FileContents(format=format, paths=(path,), **parts)
 
 
 def point_recording(
@@ -230,9 +220,9 @@ def point_recording(
     fps: float | None = None,
     t_s: Array | None = None,
     status: NDArray | None = None,
-    **parts: object,
+    **parts: Any,
 ) -> FileContents:
-    """A recording of positions.
+    """A recording of positions; other arguments as of ``pixel_recording``.
 
     Args:
         path: The file.
@@ -255,62 +245,53 @@ def point_recording(
     xyz = xyz * metres(path, unit) if unit is not None else np.array(xyz, dtype=np.float64)
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
     times = (frames - first) / (fps or 1.0) if t_s is None else t_s
+    with _as_format_error(path):
+        parts["points"] = marker_tracks(names, times, xyz, status=status)
+    parts |= {"names": tuple(names), "frames": frames, "fps": fps, "unit": unit}
+    return FileContents(format=format, paths=(path,), **parts)
+
+
+@contextmanager
+def _as_format_error(path: Path) -> Iterator[None]:
+    """Tracks that contradict themselves are a file to be corrected."""
     try:
-        points = marker_tracks(names, times, xyz, status=status)
+        yield
     except ValueError as error:
         raise FormatError(f"{path.name}: {error}; correct it and export again") from None
-    return FileContents(
-        format=format,
-        paths=(path,),
-        names=points.names,
-        frames=frames,
-        fps=fps,
-        unit=unit,
-        points=points,
-        **parts,  # type: ignore[arg-type]
-    )
 
 
-def table_recording(
-    path: Path,
-    format: str,
-    *,
-    tables: Mapping[str, Array],
-    names: Sequence[str] = (),
-    frames: NDArray[np.int64] | None = None,
-    **parts: object,
-) -> FileContents:
-    """Tables alone, a row a frame; other parts as fields of the recording are.
-
-    Args:
-        path: The file.
-        format: Its format.
-        tables: As ``FileContents.tables``, all of T rows.
-        names: The M markers.
-        frames: (T,) frame numbers; None: from 1 on.
-        **parts: Other fields of the recording.
-    """
-    frames = 1 + np.arange(len(next(iter(tables.values())))) if frames is None else frames
-    return FileContents(
-        format=format,
-        paths=(path,),
-        names=tuple(names),
-        frames=frames,
-        tables=tables,
-        **parts,  # type: ignore[arg-type]
-    )
+def table_recording(path: Path, format: str, *, tables: Mapping[str, Array], **parts: Any) -> FileContents:
+    """Tables alone, of T rows each, one for each frame; frames are counted from 1 where ``parts`` states none."""
+    rows = len(next(iter(tables.values())))
+    parts["frames"] = 1 + np.arange(rows) if parts.get("frames") is None else parts["frames"]
+    return FileContents(format=format, paths=(path,), tables=tables, **parts)
 
 
-def calibration_recording(path: Path, format: str, cameras: tuple[Camera, ...], **parts: object) -> FileContents:
+def calibration_recording(path: Path, format: str, cameras: tuple[Camera, ...], **parts: Any) -> FileContents:
     """Cameras alone; other parts as fields of the recording are."""
     names = tuple(camera.name for camera in cameras)
-    return FileContents(
-        format=format,
-        paths=(path,),
-        camera_names=names,
-        cameras=cameras,
-        **parts,  # type: ignore[arg-type]
-    )
+    return FileContents(format=format, paths=(path,), camera_names=names, cameras=cameras, **parts)
+
+
+def of_animals(animals: Sequence[str], parts: Sequence[str]) -> tuple[list[str], tuple[tuple[str, str], ...]]:
+    """Names of the markers of several animals with the same body parts, and each marker's (individual, part)."""
+    pairs = tuple((animal, part) for animal in animals for part in parts)
+    return [part if len(animals) == 1 else f"{animal}_{part}" for animal, part in pairs], pairs
+
+
+def views_of(path: Path, recording: FileContents) -> tuple[list[str], str, Array, Array]:
+    """Of what is to be written: names of its C views, their axes, (T,) times and (C, T, M, axes) coordinates.
+
+    Of positions in space, where there are any, one view without a name, in the unit of the recording.
+
+    Raises:
+        FormatError: it holds no tracks.
+    """
+    if recording.points is not None:
+        return [""], "xyz", recording.points.t_s, recording.points.xyz_m[None] / recording.length_m(path)
+    if recording.pixels is not None:
+        return list(recording.pixels.cameras), "xy", recording.pixels.t_s, recording.pixels.uv_px
+    raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} contains none")
 
 
 def points_of(path: Path, recording: FileContents) -> MarkerTracks:

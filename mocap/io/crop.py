@@ -16,10 +16,9 @@ import numpy as np
 from eal.arrays import Array
 from mocap.documents import one_line
 from mocap.errors import FormatError
+from mocap.io.apart import plain_pickle, variables
 from mocap.io.head import Head, head
 from mocap.io.lines import number
-from mocap.io.matlab import variables
-from mocap.io.pickles import plain_pickle
 
 VARIABLE = "XYtop_left"
 """The variable of a MATLAB file: (frames, 2) columns and rows of the window's upper left corner."""
@@ -32,13 +31,9 @@ KNOWN = (
 
 
 def read_crops(path: Path) -> dict[str, Array]:
-    """Crop offsets by the name of the camera or film that they belong to.
+    """Crop offsets of a file, (1, 2) constant or (frames, 2) pixels to add, by the name of the camera or film.
 
-    Args:
-        path: A file with the offsets of one film (its name is that of the film), or of several.
-
-    Returns:
-        (1, 2) constant or (frames, 2) pixels to add to those of the film, by name.
+    The name of a file with the offsets of one film is that of the film.
 
     Raises:
         FormatError: the file holds none.
@@ -112,17 +107,10 @@ def _of_folder(folder: Path) -> dict[str, Array]:
 
 
 def matched(crops: Mapping[str, Array], views: Sequence[Sequence[str]]) -> list[Array] | None:
-    """The offsets of each view, by name.
+    """The (1, 2) or (frames, 2) offsets of each view, by the names of its file and its camera.
 
     A view and its offsets belong together where one's name contains the other's (``cam1`` is not in ``cam12``); the
-    longest match counts.
-
-    Args:
-        crops: Offsets by name.
-        views: Names of each view: of its file, of its camera.
-
-    Returns:
-        (1, 2) or (frames, 2) offsets a view; None where a view has none, two views share one, or it is ambiguous.
+    longest match counts. None where a view has none, two views share one, or it is ambiguous.
     """
     chosen = []
     for names in views:
@@ -144,11 +132,7 @@ def _common(one: str, other: str) -> int:
 
 
 def _offsets(path: Path, values: Array) -> Array:
-    """(K, 2) offsets, checked.
-
-    Raises:
-        FormatError: they are no finite numbers of a picture.
-    """
+    """(K, 2) offsets, checked."""
     if values.ndim != 2 or values.shape[1] != 2 or not len(values) or not np.isfinite(values).all():
         raise FormatError(f"{path.name}: crop offsets have shape {values.shape}; expected finite x, y in a row a frame")
     if np.abs(values).max() > 1e5:

@@ -4,7 +4,7 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.cells import as_cells, from_cell
 from mocap.io.lines import LARGEST, MISSING_WORDS, one_kind
 
 BLOCK = 1 << 24
@@ -32,14 +31,9 @@ def to_the_last_bit() -> dict[str, Any]:
 
 
 def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
-    """Read names and numbers.
+    """The names (none without a header) and the (rows, columns) numbers of a comma-separated file, NaN where missing.
 
-    Args:
-        path: A comma-separated file; missing cells are empty, ``NaN`` or ``NA``.
-        header: Whether the first line holds the names.
-
-    Returns:
-        The names (empty without a header) and the (rows, columns) numbers, NaN where missing.
+    Missing cells are empty, ``NaN`` or ``NA``; ``header`` says whether the first line holds the names.
 
     Raises:
         FormatError: the file is missing, empty, cut, ragged, or has a cell that is no number.
@@ -81,11 +75,7 @@ def has_titles(path: Path) -> bool:
 
 
 def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
-    """Whole lines of the file, some megabytes at a time, with line ends of one kind; and whether they are the last.
-
-    Raises:
-        FormatError: the file cannot be read, or is empty.
-    """
+    """Whole lines of the file, some megabytes at a time, with line ends of one kind; and whether they are the last."""
     try:
         with path.open("rb") as stream:
             held, empty = b"", True
@@ -117,17 +107,15 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
     """The (rows, columns) numbers of a block of lines, of which ``line`` is the number of the first.
 
     Each must have ``width`` cells (None: as many as the first).
-
-    Raises:
-        FormatError: a line has other cells, or a cell is no number.
     """
     if b" " in body or b"\t" in body:
         body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
     _check_columns(path, body, width, line)
     try:
-        values = _few(body) if len(body) < SMALL else _many(body)
+        values = _many(body) if len(body) >= SMALL else None
     except ValueError:
-        raise FormatError(_bad_cell(path, body, names, line)) from None
+        values = None
+    values = _few(path, body, names, line) if values is None else values
     with np.errstate(invalid="ignore"):
         wrong = np.abs(values) > LARGEST
     if wrong.any():
@@ -140,27 +128,30 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
     return values
 
 
-def _few(body: bytes) -> Array:
-    """Numbers of lines of as many cells.
+def _few(path: Path, body: bytes, names: Sequence[str], first_line: int) -> Array:
+    """Numbers of lines of as many cells."""
+
+    def value(cell: str, row: int, column: int) -> float:
+        bare = cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
+        if bare in MISSING_WORDS:
+            return np.nan
+        if _NUMBER.fullmatch(cell):
+            return float(bare)
+        where = names[column] if names else f"column {column + 1}"
+        raise FormatError(
+            f"{path.name}: line {row + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
+        )
+
+    rows = [line.split(",") for line in body.decode("utf-8", "replace").split("\n")]
+    return np.array([[value(c, i, j) for j, c in enumerate(row)] for i, row in enumerate(rows)], dtype=np.float64)
+
+
+def _many(body: bytes) -> Array:
+    """The same by pandas.
 
     Raises:
         ValueError: a cell is no number.
     """
-    rows = [[_value(cell) for cell in line.split(",")] for line in body.decode("ascii").split("\n")]
-    return np.array(rows, dtype=np.float64)
-
-
-def _value(cell: str) -> float:
-    bare = cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
-    if bare in MISSING_WORDS:
-        return np.nan
-    if not _NUMBER.fullmatch(cell):
-        raise ValueError(cell)
-    return float(bare)
-
-
-def _many(body: bytes) -> Array:
-    """The same by pandas."""
     import pandas as pd
 
     if any(letter in body for letter in (b"u", b"U", b"l", b"L")) and _TRUTH.search(body):
@@ -192,15 +183,6 @@ def _check_columns(path: Path, body: bytes, expected: int | None, first_line: in
         )
 
 
-def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) -> str:
-    for i, line in enumerate(body.decode("utf-8", "replace").split("\n")):
-        for j, cell in enumerate(line.split(",")):
-            if cell not in MISSING_WORDS and not _NUMBER.fullmatch(cell):
-                where = names[j] if names else f"column {j + 1}"
-                return f"{path.name}: line {i + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
-    return f"{path.name}: contains cells that are not numbers; export it again"
-
-
 def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:
     """Write names and (rows, columns) numbers, ``NaN`` where missing."""
     row = ",".join([f"%.{decimals}f"] * values.shape[1]) + "\n"
@@ -208,3 +190,54 @@ def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: in
         if names:
             csv.writer(stream, lineterminator="\n").writerow(as_cells(names))
         stream.writelines((row % tuple(one.tolist())).replace("nan", "NaN") for one in values)
+
+
+_FORMULA = "=+-@\t\r\n＝＋－＠'"
+"""Text that begins so is written after an apostrophe; the apostrophe itself, so that every text comes back."""
+_ESCAPES = {"\\": "\\\\", "\t": "\\t", "\r": "\\r", "\n": "\\n", ";": "\\x3b"}
+_PLAIN = {escape: letter for letter, escape in _ESCAPES.items()}
+_SPLITS = re.compile(r"[\t\r\n;]")
+
+
+def as_cell(text: str) -> str:
+    """The cell of a text, inverse of ``from_cell``."""
+    if not text or (text[0] not in _FORMULA and not _SPLITS.search(text)):
+        return text
+    return "'" + re.sub(r"[\\\t\r\n;]", lambda found: _ESCAPES[found[0]], text)
+
+
+def from_cell(cell: str) -> str:
+    """The text of a cell; of other programs' cells the text itself, unless it begins with an apostrophe."""
+    if not cell.startswith("'"):
+        return cell
+    return re.sub(r"\\(?:[\\trn]|x3b)", lambda found: _PLAIN[found[0]], cell[1:])
+
+
+def as_workbook_cell(text: str) -> str:
+    """The cell of a text in a workbook, where nothing splits cells: only what would be a formula is escaped."""
+    return as_cell(text) if text[:1] in tuple(_FORMULA) else text
+
+
+def as_cells(texts: Iterable[str]) -> list[str]:
+    """``as_cell`` of each."""
+    return [as_cell(text) for text in texts]
+
+
+HELD = 15
+"""Significant decimal digits that a float64 holds whatever the number."""
+
+
+def decimals_of(values: Array, sd: Array, *, least: int) -> int:
+    """Decimals that keep two significant digits of the smallest standard deviation, of which 0 and NaN tell nothing.
+
+    At least ``least``, and no more than the greatest number has in ``HELD`` significant digits.
+    """
+    known = sd[np.isfinite(sd) & (sd > 0)]
+    wanted = int(np.ceil(-np.log10(known.min()))) + 1 if known.size else least
+    return max(least, min(wanted, decimals_in(values, digits=HELD)))
+
+
+def decimals_in(values: Array, *, digits: int) -> int:
+    """Decimals that write the greatest of some numbers with so many significant digits."""
+    size = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    return digits - 1 - int(np.floor(np.log10(size))) if size > 0 else 0

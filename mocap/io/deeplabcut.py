@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.documents import one_line
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording
+from mocap.io.apart import plain_pickle
+from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording, views_of
 from mocap.io.format import Format
-from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, image_numbers, number, numbers, read_lines
-from mocap.io.pickles import plain_pickle
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,10 +60,6 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     parts = [row[index:] for row in rows[1:depth]]
     columns = list(zip(*(parts if len(parts) == 3 else [[""] * (width - index), *parts]), strict=True))
     return columns, values, frames
-
-
-def _is_csv(head: Head) -> bool:
-    return head.first.startswith("scorer,") and any(line.startswith("coords,") for line in head.lines[2:4])
 
 
 def _in_order(values: Array, index: Index) -> tuple[Array, NDArray[np.int64], list[str]]:
@@ -176,11 +171,7 @@ def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[t
 
 
 def _side_by_side(path: Path, blocks: list[Any]) -> Array:
-    """Blocks of columns, each of one kind of number, as one table.
-
-    Raises:
-        FormatError: one is not of numbers.
-    """
+    """Blocks of columns, each of one kind of number, as one table."""
     other = next((block.dtype for block in blocks if block.dtype.kind not in "fiu"), None)
     if other is not None:
         raise FormatError(f"{path.name}: columns are of the kind {other}; expected numbers only")
@@ -227,14 +218,11 @@ def _tables(path: Path, recording: FileContents) -> list[tuple[Path, "pd.DataFra
     animals = list(recording.animals) or [("", name) for name in recording.names]
     several = len({animal for animal, _ in animals}) > 1
     keys = [("eal-mocap", *((animal or "single",) if several else ()), part) for animal, part in animals]
-    if recording.points is not None:
-        views, axes = recording.points.xyz_m[None] / recording.length_m(path), ("x", "y", "z")
-    elif recording.pixels is not None:
-        uv, score = recording.pixels.uv_px, recording.score
-        score = recording.pixels.seen.astype(float) if score is None else np.nan_to_num(score)
-        views, axes = np.concatenate([uv, score[..., None]], axis=-1), ("x", "y", "likelihood")
-    else:
-        raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} contains none")
+    _, axes, _, views = views_of(path, recording)
+    if recording.points is None:
+        score = recording.score
+        score = np.isfinite(views).all(axis=-1).astype(float) if score is None else np.nan_to_num(score)
+        views, axes = np.concatenate([views, score[..., None]], axis=-1), ("x", "y", "likelihood")
     levels = ["scorer", *(["individuals"] if several else []), "bodyparts", "coords"]
     columns = pd.MultiIndex.from_tuples([(*key, axis) for key in keys for axis in axes], names=levels)
     files = camera_files(path, recording)
@@ -266,7 +254,7 @@ FORMATS = (
     Format(
         name="deeplabcut-csv",
         title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
-        knows=_is_csv,
+        knows=lambda head: head.first.startswith("scorer,") and any(x.startswith("coords,") for x in head.lines[2:4]),
         read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
         write=_write_csv,
         holds=_WRITTEN,

@@ -1,6 +1,5 @@
 """A recording in figures: what ``mocap info`` prints."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,26 +17,38 @@ def summary(recording: FileContents) -> dict[str, Any]:
     (their number) and markers without any; ``gaps`` are runs of missing frames between two sightings.
     """
     seen = recording.seen
+    tracks = seen if seen.ndim == 3 else seen[None]
     sampled = seen.size > 0 and (recording.pixels is not None or recording.points is not None or bool(recording.tables))
+    in_frames, of_markers = np.any(tracks, axis=(0, 2)), np.any(tracks, axis=(0, 1))
+    lost = [name for name, any_seen in zip(recording.names, of_markers, strict=True) if sampled and not any_seen]
+    px = recording.pixels is not None or (recording.lenses and not recording.cameras)
+    there = {
+        "pixels": recording.pixels is not None,
+        "points": recording.points is not None,
+        "cameras": bool(recording.cameras),
+        "lenses": bool(recording.lenses),
+        "score": recording.score is not None,
+        **{name: True for name, table in recording.tables.items() if np.isfinite(table).any()},
+    }
     found: dict[str, Any] = {
         "format": recording.format,
         "points": len(recording.names),
         "cameras": len(recording.camera_names),
         "frames": len(recording.frames),
         "fps": recording.fps,
-        "units": _units(recording),
-        "missing": _missing(seen) if sampled else None,
+        "units": "px" if px or set(recording.tables) == {"residual_px"} else recording.unit,
+        "missing": _missing(tracks) if sampled else None,
         "findings": list(recording.remarks),
         "names": list(recording.names),
         "camera_names": list(recording.camera_names),
         "first_frame": int(recording.frames[0]) if len(recording.frames) else None,
-        "undigitised": _undigitised(recording.names, seen) if sampled else {"frames": 0, "markers": []},
-        "gaps": gaps(seen.reshape(-1, *seen.shape[-2:])) if sampled else None,
+        "undigitised": {"frames": int((~in_frames).sum()) if sampled else 0, "markers": lost},
+        "gaps": gaps(tracks) if sampled else None,
         "pixel_origin": recording.pixel_origin,
-        "holds": _holds(recording),
+        "holds": [name for name, has in there.items() if has],
     }
     if recording.pixels is not None and recording.points is not None:
-        found["missing_points"] = _missing(recording.points.seen)
+        found["missing_points"] = _missing(recording.points.seen[None])
     if recording.points is not None:
         codes, counts = np.unique(recording.points.status, return_counts=True)
         found["samples"] = {Status(code).name.lower(): int(n) for code, n in zip(codes, counts, strict=True)}
@@ -45,48 +56,16 @@ def summary(recording: FileContents) -> dict[str, Any]:
     return found | ({"individuals": animals} if animals else {})
 
 
-def _missing(seen: NDArray[np.bool_]) -> float:
-    """Share of samples without a value, of the frames and the markers that have any."""
-    tracks = seen.reshape(-1, *seen.shape[-2:])
+def _missing(tracks: NDArray[np.bool_]) -> float:
+    """Share of (K, T, M) samples without a value, of the frames and the markers that have any."""
     kept = tracks[:, np.any(tracks, axis=(0, 2))][:, :, np.any(tracks, axis=(0, 1))]
     return round(float(1 - kept.mean()), 6) if kept.size else 1.0
 
 
-def _undigitised(names: Sequence[str], seen: NDArray[np.bool_]) -> dict[str, Any]:
-    """Frames and markers without a single sample."""
-    tracks = seen.reshape(-1, *seen.shape[-2:])
-    lost = [name for name, any_seen in zip(names, np.any(tracks, axis=(0, 1)), strict=True) if not any_seen]
-    return {"frames": int((~np.any(tracks, axis=(0, 2))).sum()), "markers": lost}
-
-
-def _units(recording: FileContents) -> str | None:
-    """Unit of what the file holds first: pixels, or lengths as stated."""
-    if recording.pixels is not None or (recording.lenses and not recording.cameras):
-        return "px"
-    return "px" if set(recording.tables) == {"residual_px"} else recording.unit
-
-
-def _holds(recording: FileContents) -> list[str]:
-    """The parts that are there."""
-    there = {
-        "pixels": recording.pixels is not None,
-        "points": recording.points is not None,
-        "cameras": bool(recording.cameras),
-        "lenses": bool(recording.lenses),
-        "score": recording.score is not None,
-    }
-    tables = [name for name, table in recording.tables.items() if np.isfinite(table).any()]
-    return [name for name, has in there.items() if has] + tables
-
-
 def gaps(seen: NDArray[np.bool_]) -> dict[str, int | float]:
-    """Runs of missing frames between two sightings.
+    """Runs of missing frames between two sightings in (K, T, M) samples of each view, frame and marker.
 
-    Args:
-        seen: (K, T, M) whether each of K views (or the one world) has each of M markers in each of T frames.
-
-    Returns:
-        Their number, and the median and largest length in frames.
+    Their number, and the median and largest length in frames.
     """
     lengths = []
     for track in np.moveaxis(seen, 1, -1).reshape(-1, seen.shape[1]):

@@ -10,8 +10,7 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.errors import FormatError
 from mocap.io.columns import by_title
-from mocap.io.csv_table import first_cells, read_table, write_table
-from mocap.io.digits import decimals_in, decimals_of
+from mocap.io.csv_table import decimals_in, decimals_of, first_cells, read_table, write_table
 from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XYUVxyuv])")

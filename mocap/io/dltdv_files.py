@@ -10,7 +10,7 @@ import numpy as np
 from mocap.cameras.origin import BOTH, PixelCorner
 from mocap.errors import FormatError
 from mocap.io.columns import by_title
-from mocap.io.contents import FileContents, calibration_recording, table_recording
+from mocap.io.contents import FileContents, calibration_recording, pixel_recording, point_recording, table_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv import names_cameras, read_coefficients, read_pixels, read_points
 from mocap.io.dvproject import read_project
@@ -50,17 +50,9 @@ def _origin_beside(path: Path) -> PixelCorner | None:
 
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     pixels, origin = read_pixels(path, fps=1.0), _origin_beside(path)
-    unknown = "the file does not record the corner that pixel rows are counted from"
-    return FileContents(
-        format="dltdv-xypts",
-        paths=(path,),
-        names=pixels.names,
-        frames=1 + np.arange(len(pixels.t_s)),
-        pixels=pixels,
-        camera_names=pixels.cameras,
-        pixel_origin=origin,
-        findings=(unknown,) if origin is None else (),
-    )
+    told = ("the file does not record the corner that pixel rows are counted from",) if origin is None else ()
+    parts = {"names": pixels.names, "cameras": pixels.cameras, "pixel_origin": origin, "findings": told}
+    return pixel_recording(path, "dltdv-xypts", uv_px=pixels.uv_px, **parts)
 
 
 def _is_points(head: Head) -> bool:
@@ -75,14 +67,8 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         names = tuple(name.removesuffix("filt") for name in points.names)
         points = replace(points, names=names, status=np.where(points.seen, Status.SMOOTHED, Status.MISSING))
         findings += ("points are spline-filtered by DLTdv",)
-    return FileContents(
-        format="dltdv-xyzpts",
-        paths=(path,),
-        names=points.names,
-        frames=1 + np.arange(len(points.t_s)),
-        points=points,
-        findings=findings,
-    )
+    parts = {"names": points.names, "frames": 1 + np.arange(len(points.t_s)), "points": points, "findings": findings}
+    return FileContents(format="dltdv-xyzpts", paths=(path,), **parts)
 
 
 def residuals(path: Path, format: str, end: str) -> FileContents:
@@ -183,12 +169,7 @@ FORMATS = (
         knows=_ends("_dltres"),
         read=lambda path, _: residuals(path, "dltdv-xyzres", "_dltres"),
     ),
-    Format(
-        name="dltdv-xyzci",
-        title="95 % intervals of DLTdv (flat CSV)",
-        knows=_ends("+-CI"),
-        read=_intervals,
-    ),
+    Format(name="dltdv-xyzci", title="95 % intervals of DLTdv (flat CSV)", knows=_ends("+-CI"), read=_intervals),
     Format(
         name="dltdv-offsets",
         title="camera offsets of DLTdv (flat CSV)",
@@ -200,5 +181,66 @@ FORMATS = (
         title="DLT coefficients (CSV, 11 rows, one column for each camera)",
         knows=_is_coefficients,
         read=lambda path, _: calibration_recording(path, "dltdv-coefficients", read_coefficients(path)),
+    ),
+)
+
+
+ARGUS_PIXEL = re.compile(r"(?P<name>.+)_cam_(?P<camera>\d+)_(?P<axis>[xy])")
+_ARGUS_POINT = re.compile(r"(?P<name>.+)(?P<axis>_[xyz])")
+_ARGUS_INTERVAL = re.compile(r"(?P<name>.+)(?P<axis>_[xyz]_(lower|upper))")
+_ARGUS_ENDS = ("_x_lower", "_x_upper", "_y_lower", "_y_upper", "_z_lower", "_z_upper")
+
+
+def _argus_pixels(path: Path, _hints: Hints) -> FileContents:
+    expected = "names like track_cam_1_x"
+    names, numbers, uv = by_title(path, read_table(path), ARGUS_PIXEL, ["x", "y"], expected=expected)
+    cameras = [f"cam{number}" for number in numbers]
+    return pixel_recording(path, "argus-xypts", names=names, cameras=cameras, uv_px=uv, pixel_origin="lower-left")
+
+
+def _argus_points(path: Path, _hints: Hints) -> FileContents:
+    names, _, (xyz,) = by_title(path, read_table(path), _ARGUS_POINT, ["_x", "_y", "_z"], expected="names like track_x")
+    return point_recording(path, "argus-xyzpts", names=names, xyz=xyz, unit=None)
+
+
+def _argus_intervals(path: Path, _hints: Hints) -> FileContents:
+    names, _, (ends,) = by_title(
+        path, read_table(path), _ARGUS_INTERVAL, _ARGUS_ENDS, expected="names like track_x_lower"
+    )
+    told = (
+        "with three or more cameras Argus may have shifted the pixels in time before it computed these points: "
+        "triangulate them again"
+    )
+    half = {"interval": np.abs(ends[..., 1::2] - ends[..., ::2]) / 2}
+    return table_recording(path, "argus-xyz-cis", names=names, tables=half, findings=(told,))
+
+
+ARGUS_FORMATS = (
+    Format(
+        name="argus-xypts",
+        title="pixel tracks of Argus clicker (CSV)",
+        knows=lambda head: bool(names_of(head, ARGUS_PIXEL)),
+        read=_argus_pixels,
+    ),
+    Format(
+        name="argus-xyz-cis", title="95 % intervals of Argus (CSV)", knows=_ends(*_ARGUS_ENDS), read=_argus_intervals
+    ),
+    Format(
+        name="argus-offsets",
+        title="camera offsets of Argus (CSV)",
+        knows=lambda head: bool(head.cells()) and all(re.fullmatch(r"camera_\d+", cell) for cell in head.cells()),
+        read=lambda path, _: offsets(path, "argus-offsets", r"camera_(\d+)"),
+    ),
+    Format(
+        name="argus-xyzres",
+        title="triangulation residuals of Argus (CSV named ...-xyzres.csv)",
+        knows=lambda head: head.name.endswith("-xyzres.csv") and bool(head.cells()),
+        read=lambda path, _: residuals(path, "argus-xyzres", ""),
+    ),
+    Format(
+        name="argus-xyzpts",
+        title="points of Argus clicker (CSV)",
+        knows=lambda head: bool(names_of(head, _ARGUS_POINT)) and any(cell.endswith("_z") for cell in head.cells()),
+        read=_argus_points,
     ),
 )

@@ -11,7 +11,7 @@ from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
 from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.head import Head, head
 from mocap.io.lines import numbers, read_lines
 
 POINT_NAMES = "PointNames_to_go_with_DLTdv8a_sparsesave_arrays"
@@ -121,8 +121,6 @@ def _cameras(path: Path, columns: int, hints: Hints) -> tuple[int, list[str]]:
 
 
 def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
-    from mocap.io.head import head
-
     kind, table = _kind(head(path)), read_sparse(path)
     maker = "argus" if argus else "dltdv"
     if kind == "xypts":

@@ -8,10 +8,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
-from mocap.cameras.lens import BrownLens
 from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
+from mocap.io.easywand import is_tdata, lens_of
 from mocap.io.optical import rate
 from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
@@ -40,11 +40,7 @@ class DvProject:
 
 
 def read_project(path: Path, *, fps: float | None = None) -> DvProject:
-    """Read a project file.
-
-    Args:
-        path: The file.
-        fps: Frames a second; None: as the file says, which may be the rate of playback.
+    """Read a project file, at ``fps`` frames a second (None: as the file says, which may be the rate of playback).
 
     Raises:
         FormatError: the file is no such project, or its parts contradict each other.
@@ -92,11 +88,7 @@ def _project(path: Path, file: Any, fps: float | None) -> DvProject:
 
 
 def _sparse(path: Path, data: Any, name: str, columns: int, *, missing: float) -> Array:
-    """A MATLAB sparse matrix (compressed columns) as a dense one; what is absent or 0 is ``missing``.
-
-    Raises:
-        FormatError: it has other columns, or its indices point nowhere.
-    """
+    """A MATLAB sparse matrix (compressed columns) as a dense one; what is absent or 0 is ``missing``."""
     import h5py
 
     group = data[name]
@@ -153,7 +145,7 @@ def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[tuple[Camera
     sizes = data["movsizes"][()].T.astype(int)[:, ::-1]
     cameras = []
     for c, (row, lens) in enumerate(zip(coefficients[()], lenses, strict=True)):
-        camera = dlt_camera(f"cam{c + 1}", row, lens=None if lens is None else _brown(lens))
+        camera = dlt_camera(f"cam{c + 1}", row, lens=None if lens is None else lens_of(lens))
         cameras.append(replace(camera, size_px=(int(sizes[c][0]), int(sizes[c][1]))))
     return tuple(cameras), iterations.pop()
 
@@ -169,13 +161,8 @@ def _tdata(path: Path, file: Any, data: Any, camera: int) -> Array | None:
     if tdata is None:
         return None
     values: Array = np.ravel(tdata[()])
-    if values.shape != (10,) or not np.isfinite(values).all() or not (values[:2] > 0).all() or values[9] < 1:
+    if not is_tdata(values):
         raise FormatError(
             f"{path.name}: lens of camera {camera + 1} is {values}; expected fx fy cx cy k1 k2 p1 p2 k3 iterations"
         )
     return values
-
-
-def _brown(tdata: Array) -> BrownLens:
-    fx, fy, cx, cy, k1, k2, p1, p2, k3, _ = map(float, tdata)
-    return BrownLens(f_px=(fx, fy), centre_px=(cx, cy), k=(k1, k2, k3), p=(p1, p2))

@@ -14,9 +14,9 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
+from mocap.io.apart import variables
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Hints
-from mocap.io.matlab import variables
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,11 +77,7 @@ def read_easywand(path: Path) -> EasyWand:
 
 
 def _numbers(path: Path, table: dict[str, Any], name: str, count: int, *, finite: bool = True) -> Array:
-    """A vector of the struct.
-
-    Raises:
-        FormatError: it is absent, has another length, or holds something that is no number.
-    """
+    """A vector of the struct."""
     try:
         values = np.ravel(np.asarray(table[name], dtype=np.float64))
     except (KeyError, TypeError, ValueError):
@@ -162,12 +158,22 @@ def read_tform(path: Path) -> tuple[BrownLens, int]:
         tdata = np.ravel(np.asarray(struct["tdata"], dtype=np.float64))  # type: ignore[index]
     except (KeyError, TypeError, ValueError, IndexError):
         tdata = np.zeros(0)
-    if tdata.shape != (10,) or not np.isfinite(tdata).all() or not (tdata[:2] > 0).all() or tdata[9] < 1:
+    if not is_tdata(tdata):
         raise FormatError(
             f"{path.name}: no camud.tdata of ten numbers (fx fy cx cy k1 k2 p1 p2 k3 iterations): save it again in "
             "easyWand"
         )
-    return BrownLens.of(tuple(tdata[:2]), tuple(tdata[2:4]), tuple(tdata[4:9])), int(tdata[9])
+    return lens_of(tdata), int(tdata[9])
+
+
+def is_tdata(values: Array) -> bool:
+    """Whether numbers are those of a lens and its undistortion: fx fy cx cy k1 k2 p1 p2 k3 iterations."""
+    return values.shape == (10,) and bool(np.isfinite(values).all() and (values[:2] > 0).all() and values[9] >= 1)
+
+
+def lens_of(tdata: Array) -> BrownLens:
+    """The lens of such numbers."""
+    return BrownLens.of(tuple(tdata[:2]), tuple(tdata[2:4]), tuple(tdata[4:9]))
 
 
 def _tform(path: Path, _hints: Hints) -> FileContents:

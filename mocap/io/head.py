@@ -1,17 +1,15 @@
 """What a file begins with, for the sniffers of the registry: content, not its name."""
 
 import csv
-import json
 import re
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 
 from mocap.documents import check_regular, open_regular
 from mocap.errors import FormatError, beside, shown_elsewhere
-from mocap.io.apart import read_apart
+from mocap.io.apart import root_names, variables
 from mocap.io.lines import one_kind
-from mocap.io.matlab import SECONDS, variables
 
 LENGTH = 1 << 16
 
@@ -69,10 +67,7 @@ class Head:
     @cached_property
     def hdf5(self) -> frozenset[str]:
         """Names at the root of an HDF5 file; empty of others."""
-        if not self.is_hdf5:
-            return frozenset()
-        stat = self.path.stat()
-        return _hdf5_names(self.path, stat.st_mtime_ns, stat.st_size)
+        return root_names(self.path) if self.is_hdf5 else frozenset()
 
     @cached_property
     def mat(self) -> frozenset[str]:
@@ -82,12 +77,6 @@ class Head:
         if not self.start.startswith(b"MATLAB 5.0"):
             return frozenset()
         return frozenset(name for name in variables(self.path) if name != "None" and not name.startswith("__"))
-
-
-@lru_cache(maxsize=1)
-def _hdf5_names(path: Path, _changed_ns: int, _size: int) -> frozenset[str]:
-    """The names of a file in one state; the sniffers and the reader ask for them in turn."""
-    return frozenset(json.loads(read_apart(path, "hdf5_process", kind="HDF5", seconds=SECONDS)))
 
 
 def head(path: Path) -> Head:

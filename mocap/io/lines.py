@@ -70,17 +70,10 @@ def one_kind(text: AnyStr) -> AnyStr:
 
 
 def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, first_line: int) -> Array:
-    """Rows of numbers; NaN where a cell is empty or ``NA``.
+    """(rows, columns) numbers of lines, a row each; NaN where a cell is empty or ``NA``.
 
-    Args:
-        path: Of the file, for messages.
-        lines: One a row. Empty cells too many at the end are none where all rows have as many.
-        separator: Between cells.
-        columns: Cells that each row must have.
-        first_line: Number of the first of ``lines`` in the file, from 1.
-
-    Returns:
-        (rows, columns) numbers.
+    Empty cells too many at the end are none where all rows have as many. ``first_line`` is the number of the first of
+    ``lines`` in the file, from 1.
 
     Raises:
         FormatError: a row has another number of cells, or a cell is no number.
@@ -130,12 +123,7 @@ def _array(rows: list[list[str]], columns: int, *, plain: bool) -> tuple[Array, 
 
 
 def frame_numbers(path: Path, values: Any, *, first_line: int | None = None) -> NDArray[np.int64]:
-    """Whole numbers that increase, from a column of them.
-
-    Args:
-        path: Of the file, for messages.
-        values: (T,) numbers.
-        first_line: Line of the first of them, if each has a line.
+    """Whole numbers that increase, from a column of (T,) numbers, the first of them in line ``first_line``.
 
     Raises:
         FormatError: one is none, or does not increase; the message names its line, or its row.

@@ -11,8 +11,9 @@ import os
 import re
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from mocap.schema import Entry, Schema, checked, names
 
 MANIFEST = ".mocap-manifest.json"
 """Lists the files of each result in a folder."""
+_WHAT = "files that mocap wrote here, with their SHA-256; mocap replaces and removes no other file"
 PARTIAL = ".mocap-partial-"
 """How the name of a hidden folder begins in which a result is written."""
 
@@ -103,7 +105,10 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     handle, name = tempfile.mkstemp(prefix=PARTIAL, suffix=".json", dir=folder)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            json.dump(_plain(manifest), stream, indent=1, sort_keys=True)
+            plain = {"what": _WHAT, **asdict(manifest)}
+            if manifest.pending is None:
+                del plain["pending"]
+            json.dump(plain, stream, indent=1, sort_keys=True)
             stream.write("\n")
             stream.flush()
             os.fsync(stream.fileno())
@@ -116,29 +121,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     sync_folder(folder)
 
 
-def _plain(manifest: Manifest) -> dict[str, object]:
-    plain: dict[str, object] = {
-        "what": "files that mocap wrote here, with their SHA-256; mocap replaces and removes no other file",
-        "results": {name: _plain_listing(listing) for name, listing in manifest.results.items()},
-    }
-    pending = manifest.pending
-    if pending is not None:
-        new = _plain_listing(pending.new)
-        plain["pending"] = {
-            "name": pending.name, "stage": pending.stage, "new": new, "replaces": dict(pending.replaces)
-        }  # fmt: skip
-    return plain
-
-
-def _plain_listing(listing: Listing) -> dict[str, object]:
-    return {"files": dict(listing.files), "folders": list(listing.folders)}
-
-
-_FILES: Schema = {
-    "files": names("files"),
-    "sha256": Entry(kind="s", shape=("files",)),
-    "folders": names(needed=False),
-}
+_FILES: Schema = {"files": names("files"), "sha256": Entry(kind="s", shape=("files",)), "folders": names(needed=False)}
 _PENDING: Schema = {"name": Entry(kind="s"), "stage": Entry(kind="s")}
 _SHA256 = re.compile("[0-9a-f]{64}")
 _STAGE = re.compile(re.escape(PARTIAL) + r"\w+", re.ASCII)
@@ -189,12 +172,7 @@ def is_inside(folder: Path, file: str) -> bool:
 
 
 def current(folder: Path, file: str) -> Path:
-    """Where a file of a result is: at its place, or in the hidden folder of a run that was interrupted while moving.
-
-    Args:
-        folder: The result's folder.
-        file: Path below it, with slashes.
-    """
+    """Where a file of a result is: at its place, or in the hidden folder of a run that was interrupted while moving."""
     return current_files(folder).get(file, folder / file)
 
 
@@ -219,15 +197,10 @@ def current_files(folder: Path) -> dict[str, Path]:
 
 @contextlib.contextmanager
 def place_of(folder: Path, file: str, *, make: bool = False) -> Iterator[tuple[int | None, str]]:
-    """The folder that a file below a folder is in, opened, and the file's name there.
+    """The folder that a file below a folder (which may be a link) is in, opened, and the file's name there.
 
     No link is followed on the way, whoever puts one there meanwhile; a system that opens no folders (Windows) is asked
-    before, and gets the whole path.
-
-    Args:
-        folder: It may be a link.
-        file: Path below it, with slashes.
-        make: Whether folders on the way are made.
+    before, and gets the whole path. Folders on the way are made where ``make`` says so.
 
     Raises:
         OutputError: there is a link on the way.
@@ -273,13 +246,7 @@ def digest(path: Path) -> str:
 
 
 def is_still(path: Path | str, content: str, *, within: int | None = None) -> bool:
-    """Whether a path is a plain file (no link) with that SHA-256.
-
-    Args:
-        path: The file.
-        content: The SHA-256.
-        within: Opened folder that it is in (``place_of``); None: that of the path.
-    """
+    """Whether a path, or name in an opened folder (``place_of``), is a plain file (no link) with that SHA-256."""
     try:
         with open_regular(path, within=within) as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest() == content  # type: ignore[arg-type]
@@ -301,3 +268,55 @@ def sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+LOCK = ".mocap-lock"
+"""File that holds a folder on Windows while a process writes there; elsewhere the folder itself is locked."""
+
+
+@contextlib.contextmanager
+def locked(folder: Path, *, patience_s: float = 0.0) -> Iterator[None]:
+    """Hold a folder against other processes of ours, which are waited for so long; the lock ends with the process.
+
+    Raises:
+        OutputError: another process holds it.
+    """
+    handle = _lock(folder, patience_s)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _lock(folder: Path, patience_s: float) -> int | None:
+    """A handle that holds the lock; None where the file system knows no locks."""
+    end = time.monotonic() + patience_s
+    while True:
+        handle = None
+        try:
+            if sys.platform == "win32":
+                import msvcrt
+
+                handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_TEMPORARY)
+                msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+            else:
+                import fcntl
+
+                handle = os.open(folder, os.O_RDONLY)
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return handle
+        except OSError as error:
+            if handle is not None:
+                os.close(handle)
+            if error.errno in (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP):
+                return None  # some network file systems lock no folders
+            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
+                raise
+            if handle is None:  # it could not even be opened
+                raise
+            if time.monotonic() >= end:
+                raise OutputError(
+                    f"{folder}: another mocap is writing there: wait until it has ended, or choose another place"
+                ) from None
+            time.sleep(0.05)

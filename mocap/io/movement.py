@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.documents import one_line
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, pixel_recording, point_recording
-from mocap.io.format import Format, Hints
+from mocap.io.contents import FileContents, of_animals, pixel_recording, point_recording, views_of
+from mocap.io.format import Format
 from mocap.io.lines import MOST_FRAMES, frame_numbers
 from mocap.io.netcdf import as_netcdf, read_netcdf
 from mocap.io.optical import metres, rate_of_times, unit_of
@@ -25,16 +25,8 @@ _ONE = {"individual": "id_0", "view": "cam1"}
 """The only individual or camera of a file that names none."""
 
 
-def _read(path: Path, _hints: Hints) -> FileContents:
-    return of_dataset(read_netcdf(path, again=_AGAIN), path)
-
-
 def of_dataset(data: Any, path: Path) -> FileContents:
-    """Poses of a Dataset.
-
-    Args:
-        data: An ``xarray.Dataset`` as movement lays it out.
-        path: The file that it is of, or a name for messages.
+    """Poses of an ``xarray.Dataset`` as movement lays it out, of a file or a name for messages.
 
     Raises:
         FormatError: it is laid out otherwise.
@@ -84,14 +76,9 @@ def _recording(path: Path, data: Any) -> FileContents:
         raise FormatError(f"{path.name}: a time is not finite: save it again")
     frames = np.round(times if in_frames else times * (fps or 1.0))
     frames = frame_numbers(path, data["frame"].values if "frame" in data.coords else frames)
-    common: dict[str, Any] = {
-        "names": [p if len(animals) == 1 else f"{a}_{p}" for a in animals for p in parts],
-        "frames": frames,
-        "first": 0,
-        "fps": fps,
-        "animals": tuple((a, p) for a in animals for p in parts) if animals != ["id_0"] else (),
-        "findings": tuple(findings),
-    }
+    names, pairs = of_animals(animals, parts)
+    common: dict[str, Any] = {"names": names, "frames": frames, "first": 0, "fps": fps, "findings": tuple(findings)}
+    common["animals"] = pairs if animals != ["id_0"] else ()
     score = _array(path.name, data, "confidence", order)
     if len(axes) == 2:
         return pixel_recording(path, "movement", cameras=views, uv_px=values, score=score, **common)
@@ -122,11 +109,7 @@ def _recording(path: Path, data: Any) -> FileContents:
 
 
 def _codes(path: Path, values: Array) -> NDArray[np.int64]:
-    """(T, M) codes of ``Status``.
-
-    Raises:
-        FormatError: one is none.
-    """
+    """(T, M) codes of ``Status``."""
     whole = values.astype(np.int64) if (np.abs(values) < MOST_FRAMES).all() else values
     kept: Any = whole if np.array_equal(whole, values) else values
     known = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))
@@ -134,11 +117,7 @@ def _codes(path: Path, values: Array) -> NDArray[np.int64]:
 
 
 def _array(where: str, data: Any, name: str, order: tuple[str, ...]) -> Array | None:
-    """(C, T, M) values of a variable; None where it is absent or says nothing.
-
-    Raises:
-        FormatError: one is infinite, or an sd below 0.
-    """
+    """(C, T, M) values of a variable; None where it is absent or says nothing."""
     if name not in data or set(data[name].dims) != set(order) & set(data["position"].dims):
         return None
     values = np.asarray(data[name].transpose(*order).values, dtype=np.float64)
@@ -157,15 +136,7 @@ def write_movement(path: Path, recording: FileContents) -> None:
     """
     import xarray
 
-    if recording.points is not None:
-        views, axes, t_s = [""], "xyz", recording.points.t_s
-        scale = recording.length_m(path)
-        values = recording.points.xyz_m[None] / scale
-    elif recording.pixels is not None:
-        views, axes, t_s = list(recording.pixels.cameras), "xy", recording.pixels.t_s
-        values = recording.pixels.uv_px
-    else:
-        raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} contains none")
+    views, axes, t_s, values = views_of(path, recording)
     animals, parts, at = recording.grid()
     shape = (len(views), len(t_s), len(animals), len(parts))
 
@@ -176,16 +147,15 @@ def write_movement(path: Path, recording: FileContents) -> None:
 
     position = np.transpose(spread(values, np.nan, len(axes)), (0, 3, 2, 1, 4))
     score = recording.score if recording.score is not None else np.full((len(views), len(t_s), len(at)), np.nan)
-    dims, table = ("time", "space", "keypoint", "individual", "view"), {}
-    table["position"] = (dims, position)
     flat = ("time", "keypoint", "individual", "view")
+    table: dict[str, Any] = {"position": (("time", "space", *flat[1:]), position)}
     table["confidence"] = (flat, np.transpose(spread(score, np.nan), (0, 2, 1, 3)))
     if recording.points is not None:
         codes = np.transpose(spread(recording.points.status.astype(np.float64), 0.0), (0, 2, 1, 3)).astype(np.int8)
         flags = {"flag_values": np.array([int(o) for o in Status], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
         table["origin"] = (flat, codes, flags)
         if np.isfinite(recording.points.sd_m).any():
-            sd = np.transpose(spread(recording.points.sd_m[None] / scale, np.nan), (0, 2, 1, 3))
+            sd = np.transpose(spread(recording.points.sd_m[None] / recording.length_m(path), np.nan), (0, 2, 1, 3))
             table["sd"] = (flat, sd, {"long_name": "standard deviation of the position, root mean square of its axes"})
     coords = {"space": list(axes), "keypoint": parts, "individual": animals, "view": views}
     frames = recording.frames - (int(recording.frames[0]) if recording.fps else 0) if len(recording.frames) else t_s
@@ -197,8 +167,8 @@ def write_movement(path: Path, recording: FileContents) -> None:
         "log": json.dumps([]),
     }
     attributes |= {"fps": float(recording.fps)} if recording.fps else {}
-    attributes |= {"space_unit": recording.unit} if recording.points is not None and recording.unit else {}
-    attributes |= {"space_unit": "px"} if recording.points is None else {}
+    unit = "px" if recording.points is None else recording.unit
+    attributes |= {"space_unit": unit} if unit else {}
     dataset = xarray.Dataset(table, coords=coords, attrs=attributes)
     dataset = dataset.assign_coords(frame=("time", recording.frames))
     if len(views) == 1:
@@ -212,7 +182,7 @@ FORMATS = (
         name="movement",
         title="poses of the package movement (NetCDF)",
         knows=lambda head: {"position", "space"} <= head.hdf5,
-        read=_read,
+        read=lambda path, _: of_dataset(read_netcdf(path, again=_AGAIN), path),
         write=write_movement,
         holds=frozenset(
             {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score", "animals"}

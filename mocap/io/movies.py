@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -11,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.errors import FormatError
-from mocap.io.film import pyav
+from mocap.errors import FormatError, MocapError
 
 if TYPE_CHECKING:
     import av
@@ -57,8 +57,7 @@ class Movie:
 
         Args:
             wanted: (T,) numbers of frames from 0, not decreasing where they are in the movie; others give None.
-            threads: Decode with several threads: sooner, but more work in all, so that it does not pay where several
-                movies are decoded at once.
+            threads: Whether several threads decode: sooner, but more work: not for several movies at once.
 
         Raises:
             FormatError: a frame cannot be decoded.
@@ -146,12 +145,8 @@ def straightening(
 ) -> NDArray[np.float32]:
     """(h, w, 2) where each pixel of a straight picture of ``out_px`` lies in the recorded one of ``size_px``.
 
-    The straight picture shows the same part of the image plane; both are counted as arrays are, from 0.
-
-    Args:
-        distort: The lens: (..., 2) ideal pixels to recorded ones, counted from ``FIRST_PIXEL``, rows downwards.
-        size_px: Width and height of the recorded picture.
-        out_px: Those of the straight one.
+    The straight picture shows the same part of the image plane; sizes are widths and heights. Both are counted as
+    arrays are, from 0; ``distort`` takes (..., 2) ideal pixels to recorded ones, from ``FIRST_PIXEL``.
     """
     (width, height), (w, h) = size_px, out_px
     x = (np.arange(w) + 0.5) * width / w - 0.5
@@ -161,12 +156,7 @@ def straightening(
 
 
 def straightened(picture: Picture, where: NDArray[np.float32]) -> Picture:
-    """A picture as a pinhole would have taken it; black where the camera did not look.
-
-    Args:
-        picture: (H, W, 3) as recorded.
-        where: (h, w, 2) of ``straightening``.
-    """
+    """An (H, W, 3) picture as a pinhole would have taken it, by the (h, w, 2) of ``straightening``; black beside it."""
     return np.asarray(cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR), dtype=np.uint8)
 
 
@@ -182,3 +172,25 @@ def _opened(path: Path) -> Any:
             f"{path}: contains no pictures, only {', '.join(s.type for s in container.streams) or 'nothing'}"
         )
     return container
+
+
+class FilmError(MocapError):
+    """Films cannot be read or written here."""
+
+    page = "installing"
+
+
+def pyav() -> ModuleType:
+    """The library, imported when a film is first asked for.
+
+    Raises:
+        FilmError: it is not installed.
+    """
+    try:
+        import av
+        import av.error
+    except ImportError:
+        raise FilmError(
+            "films need PyAV, which is not installed: run pip install 'eal-mocap[film]', or leave the films out"
+        ) from None
+    return av

@@ -67,11 +67,7 @@ _MAGIC = (
 
 
 def looks_like(head: Head) -> str:
-    """What a file is, in words: its kind, and how it begins.
-
-    Args:
-        head: Its beginning.
-    """
+    """What a file is by its beginning, in words: its kind, and how it begins."""
     if head.is_hdf5:
         return "an HDF5 file with " + ", ".join(sorted(head.hdf5)[:6])
     if head.mat:
@@ -100,14 +96,9 @@ def looks_like(head: Head) -> str:
     for name, separator in (("commas", ","), ("tabs", "\t"), ("semicolons", ";")):
         counts = [len(row.split(separator)) for row in rows]
         if len(rows) >= 2 and counts[-1] > 1 and counts.count(counts[-1]) > len(rows) / 2:
-            titles = [i for i, row in enumerate(rows) if not _numbers(row, separator)]
-            kind = (
-                "rows of numbers"
-                if not titles
-                else f"{len(titles)} rows of titles first"
-                if len(titles) < 6
-                else "text"
-            )
+            titles = [row for row in rows if not _numbers(row, separator)]
+            kind = f"{len(titles)} rows of titles first" if len(titles) < 6 else "text"
+            kind = kind if titles else "rows of numbers"
             return f"a table of {counts[-1]} columns, separated by {name}, {kind}, {begins}"
     return f"text {begins}"
 
@@ -118,12 +109,7 @@ def _numbers(row: str, separator: str) -> bool:
 
 
 def nearest(head: Head, formats: Sequence[Format]) -> list[Format]:
-    """The three formats that share most words with the beginning of a file, its kind and its name.
-
-    Args:
-        head: The file's beginning.
-        formats: Formats to choose from.
-    """
+    """The three of some formats that share most words with the beginning of a file, its kind and its name."""
     said = f"{looks_like(head)} {_SUFFIXES.get(head.path.suffix.lower().lstrip('.'), '')} {head.path.stem}"
     text = said + " " + " ".join(head.lines[:40])
     found = _words(text)

@@ -27,13 +27,7 @@ _DIMENSION, _DIMENSIONS = "_Netcdf4Dimid", "_Netcdf4Coordinates"
 
 
 def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False, loose: Collection[str] = ()) -> bytes:
-    """The bytes of a NetCDF file.
-
-    Args:
-        dataset: What to write.
-        packed: Whether its variables are compressed; coordinates and text are not.
-        loose: Variables that are not, as they hardly would be smaller.
-    """
+    """The bytes of a NetCDF file, where ``packed`` with variables compressed, but for text and the ``loose`` ones."""
     import h5py
     from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
@@ -46,10 +40,8 @@ def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False, loose: Collection[
         names = dict.fromkeys((*coordinates, *map(str, variables)))
         for name in sorted(names, key=lambda name: name not in numbers):  # dimensions first
             one = variables[name]
-            pack = (
-                PACKED if packed and name in dataset.data_vars and name not in loose and one.size and one.ndim else {}
-            )
-            data = _write(file, name, one, pack)
+            pack = packed and name in dataset.data_vars and name not in loose and one.size and one.ndim
+            data = _write(file, name, one, PACKED if pack else {})
             data.attrs.create(_DIMENSIONS, np.array([numbers[str(dim)] for dim in one.dims], dtype=np.int32))
             if name in numbers:
                 scales[name] = _scale(data, name, numbers[name])
@@ -104,12 +96,8 @@ def _attributes(place, attributes: Mapping[Any, Any]) -> None:
 def read_netcdf(path: Path, *, again: str) -> "xr.Dataset":
     """A dataset in memory.
 
-    Args:
-        path: The file.
-        again: What to do where it cannot be read.
-
     Raises:
-        FormatError: it cannot be read, or announces more than a file of its size can hold.
+        FormatError: it cannot be read (``again`` says what to do), or announces more than a file of its size can hold.
     """
     import xarray as xr
 

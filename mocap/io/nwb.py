@@ -73,7 +73,8 @@ def _poses(path: Path, file: Any) -> FileContents:
         told = ", ".join(groups[i].name for i in space) or "none has two or three columns"
         raise FormatError(f"{path.name}: expected one set of positions in space, or pixels, and got {told}")
     main = [*space, *views][0]
-    order = {_object_name(name): name for name in _nodes(groups[main])}
+    nodes = groups[main]["skeleton"]["nodes"][()] if "skeleton" in groups[main] else ()
+    order = {_object_name(name): name for name in (v.decode() if isinstance(v, bytes) else str(v) for v in nodes)}
     keys = [*(key for key in order if key in series[main]), *(key for key in series[main] if key not in order)]
     first = series[main][keys[0]]
     t_s = _times(first)
@@ -105,11 +106,6 @@ def _poses(path: Path, file: Any) -> FileContents:
     if pixels is None:
         return points
     return replace(pixels, unit=points.unit, points=points.points)
-
-
-def _nodes(group: Any) -> list[str]:
-    skeleton = group.get("skeleton")
-    return [] if skeleton is None else [v.decode() if isinstance(v, bytes) else str(v) for v in skeleton["nodes"][()]]
 
 
 def _times(series: Any) -> Array:
@@ -157,11 +153,8 @@ def _uncertainty(path: Path, file: Any, keys: list[str], xyz: Array) -> tuple[Ar
     status = np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED)
     for m, key in enumerate(keys):
         rows, codes = table[f"{key}_covariance"][()], table[f"{key}_status"][()]
-        if (
-            rows.shape != (len(xyz), 6)
-            or codes.shape != (len(xyz),)
-            or not set(codes.tolist()) <= set(map(int, Status))
-        ):
+        shapes = rows.shape == (len(xyz), 6) and codes.shape == (len(xyz),)
+        if not shapes or not set(codes.tolist()) <= set(map(int, Status)):
             raise FormatError(f"{path.name}: {_TABLE}: columns of {key} are not 6 covariances and a status a frame")
         for n, (i, j) in enumerate(_UPPER):
             cov[:, m, i, j] = cov[:, m, j, i] = rows[:, n]

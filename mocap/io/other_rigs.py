@@ -19,10 +19,10 @@ from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.encoding import decoded
 from mocap.errors import FormatError
+from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.pickles import plain_pickle
 
 SUBPIXELS = 64
 """QTM counts sensors of its cameras in 64ths of a pixel."""
@@ -30,11 +30,7 @@ _MOST_BYTES = 20_000_000
 
 
 def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str) -> list[float]:
-    """Attributes of an element as numbers.
-
-    Raises:
-        FormatError: one is absent or no finite number.
-    """
+    """Attributes of an element as numbers."""
     out = []
     for name in names.split():
         try:
@@ -122,12 +118,9 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
             turned.append(f"{name} by {section.get('viewrotation')} degrees")
     if not cameras:
         raise FormatError(f"{path.name}: no calibrated camera in this calibration of QTM: export it after calibrating")
-    told = (
-        (f"films are shown turned ({', '.join(turned)}): pixels must be those of the film as it was recorded",)
-        if turned
-        else ()
-    )
-    return calibration_recording(path, "qualisys-calibration", tuple(cameras), unit="mm", findings=told)
+    told = f"films are shown turned ({', '.join(turned)}): pixels must be those of the film as it was recorded"
+    findings = (told,) if turned else ()
+    return calibration_recording(path, "qualisys-calibration", tuple(cameras), unit="mm", findings=findings)
 
 
 def _vicon(path: Path, _hints: Hints) -> FileContents:

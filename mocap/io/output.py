@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from mocap.errors import OutputError, shown_elsewhere
-from mocap.io.lock import LOCK, locked
 from mocap.io.manifest import (
+    LOCK,
     MANIFEST,
     PARTIAL,
     Listing,
@@ -35,6 +35,7 @@ from mocap.io.manifest import (
     is_below,
     is_inside,
     is_still,
+    locked,
     place_of,
     read_manifest,
     sync_folder,
@@ -181,19 +182,14 @@ def _abandoned(stage: Path) -> bool:
 
 
 def _commit(
-    folder: Path,
-    stage: Path,
-    name: str,
-    *,
-    inputs: Iterable[Path | None],
-    take_over: bool,
-    may_replace: bool = True,
+    folder: Path, stage: Path, name: str, *, inputs: Iterable[Path | None], take_over: bool, may_replace: bool = True
 ) -> None:
     """Make the files in a stage the result of that name; the caller holds the folder's lock."""
     new = {}
     for path in sorted(stage.rglob("*")):
         if path.is_file() and path.name != LOCK:
-            _to_disk(path)
+            with path.open("r+b") as stream:
+                os.fsync(stream.fileno())
             new[path.relative_to(stage).as_posix()] = digest(path)
     manifest = read_manifest(folder)
     read = [path.resolve() for path in inputs if path is not None]
@@ -276,11 +272,7 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
 
 
 def _is_staged(stage: Path, file: str, content: str) -> bool:
-    """Whether a file is still in the hidden folder of a pending result.
-
-    Raises:
-        OutputError: the hidden folder is none, or the file is not the one that the manifest lists.
-    """
+    """Whether a file is still in the hidden folder of a pending result."""
     if not os.path.lexists(stage):
         return False
     if stage.is_symlink() or not stage.is_dir():
@@ -323,17 +315,12 @@ def _refuse_unasked(folder: Path, name: str, manifest: Manifest, *, replace: boo
     if not beside and any(path.name != MANIFEST and not path.name.startswith(PARTIAL) for path in folder.iterdir()):
         raise OutputError(
             f"{folder} exists and contains other files: give `overwrite` to write beside them (they stay as they "
-            "are), or "
-            "choose another place"
+            "are), or choose another place"
         )
 
 
 def _refuse_foreign(folder: Path, file: str, manifest: Manifest, *, owner: str | None = None) -> str:
-    """The content of a file of ours that may be replaced; it must belong to the result ``owner``, if one is named.
-
-    Raises:
-        OutputError: it is not ours, was changed since, or belongs to another result.
-    """
+    """The content of a file of ours that may be replaced; it must belong to the result ``owner``, if one is named."""
     path, found = folder / file, manifest.owner(file)
     if found is None:
         raise OutputError(
@@ -395,11 +382,6 @@ def _remove_empty(folders: Iterable[Path]) -> None:
             path.rmdir()
 
 
-def _to_disk(path: Path) -> None:
-    with path.open("r+b") as stream:
-        os.fsync(stream.fileno())
-
-
 @contextlib.contextmanager
 def _answering(place: Path) -> Iterator[None]:
     """Turn errors of the system into one line, and tell an interrupted command what was kept."""
@@ -410,10 +392,8 @@ def _answering(place: Path) -> Iterator[None]:
             stop.kept = f"{place} is as it was before"  # type: ignore[attr-defined]
         raise
     except OSError as error:
-        if (
-            error.filename is not None
-            and place.resolve().parent not in Path(os.fsdecode(error.filename)).resolve().parents
-        ):
+        named = None if error.filename is None else Path(os.fsdecode(error.filename)).resolve()
+        if named is not None and place.resolve().parent not in named.parents:
             raise  # it is not the result that could not be written
         reason = error.strerror or str(error)
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

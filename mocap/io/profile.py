@@ -64,11 +64,7 @@ def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Number and cells of each line that is not empty, without a line of titles, in the order of ``_COLUMNS``.
-
-    Raises:
-        FormatError: the file cannot be read, or has none.
-    """
+    """Number and cells of each line that is not empty, without a line of titles, in the order of ``_COLUMNS``."""
     try:
         texts = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
@@ -210,17 +206,9 @@ def _is_profile(head: Head) -> bool:
 def _profile(path: Path, _hints: Hints) -> FileContents:
     lenses = read_profile(path)
     odd = [c + 1 for c, (lens, (_, height)) in enumerate(lenses) if not 0.25 < lens.centre_px[1] / height < 0.75]
-    return FileContents(
-        format="camera-profile",
-        paths=(path,),
-        camera_names=tuple(f"cam{c + 1}" for c in range(len(lenses))),
-        lenses=lenses,
-        findings=(
-            f"principal point far from the middle of the picture in camera {', '.join(map(str, odd))}: check H and cy",
-        )
-        if odd
-        else (),
-    )
+    told = f"principal point far from the middle of the picture in camera {', '.join(map(str, odd))}: check H and cy"
+    names, findings = tuple(f"cam{c + 1}" for c in range(len(lenses))), (told,) if odd else ()
+    return FileContents(format="camera-profile", paths=(path,), camera_names=names, lenses=lenses, findings=findings)
 
 
 FORMATS = (

@@ -8,11 +8,11 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.apart import variables
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, read_lines
-from mocap.io.matlab import variables
 from mocap.io.optical import rate
 from mocap.io.rigid import fixed_markers
 from mocap.records import Status
@@ -233,10 +233,6 @@ def _kinds(path: Path, labelled: dict[str, Any], data: Array) -> np.ndarray:
     return kind.T
 
 
-def _of_bodies(line: str) -> bool:
-    return line.startswith("BODY_NAMES\t")
-
-
 def _has_trajectories(head: Head) -> bool:
     """Whether a MATLAB file has one struct, with trajectories in it; whatever its variable is called."""
     if not head.mat or head.mat & {"easyWandData", "camud"}:
@@ -248,7 +244,9 @@ FORMATS = (
     Format(
         name="qualisys-6d",
         title="6DOF bodies of Qualisys Track Manager (TSV)",
-        knows=lambda head: head.first.startswith("NO_OF_FRAMES\t") and any(map(_of_bodies, head.lines[:20])),
+        knows=lambda head: (
+            head.first.startswith("NO_OF_FRAMES\t") and any(line.startswith("BODY_NAMES\t") for line in head.lines[:20])
+        ),
         read=lambda path, _: read_6d(path),
     ),
     Format(

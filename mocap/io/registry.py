@@ -13,33 +13,26 @@ from mocap.cameras.origin import flipped
 from mocap.errors import FormatError
 from mocap.io import (
     anipose,
-    argus,
     c3d,
-    caliscope,
-    coco,
-    dannce,
     deeplabcut,
     dltdv_files,
     dltdv_set,
     dltdv_sparse,
     easywand,
-    kinovea,
-    mocaptoolbox,
+    keypoints_json,
+    matlab_points,
     movement,
     nwb,
-    optitrack,
+    optical_csv,
     other_rigs,
     plain,
-    pose_json,
     profile,
     qualisys,
     sleap,
-    storage,
+    tables,
     tables_long,
-    tables_wide,
     trc,
-    typed_pixels,
-    vicon,
+    video_tables,
     xmalab,
 )
 from mocap.io.contents import FILLED, FileContents
@@ -61,23 +54,19 @@ FORMATS: tuple[Format, ...] = (
     *nwb.FORMATS,
     *anipose.FORMATS,
     *other_rigs.FORMATS,
-    *coco.FORMATS,
-    *pose_json.FORMATS,
-    *dannce.FORMATS,
-    *caliscope.FORMATS,
-    *kinovea.FORMATS,
-    *storage.FORMATS,
+    *keypoints_json.COCO_FORMATS,
+    *keypoints_json.FORMATS,
+    *matlab_points.FORMATS,
+    *video_tables.FORMATS,
     *qualisys.FORMATS,
-    *mocaptoolbox.FORMATS,
-    *vicon.FORMATS,
-    *optitrack.FORMATS,
+    *optical_csv.FORMATS,
     *trc.FORMATS,
     *c3d.FORMATS,
     *tables_long.FORMATS,
-    *tables_wide.FORMATS,
-    *typed_pixels.FORMATS,
+    *tables.FORMATS,
+    *plain.TYPED_FORMATS,
     *xmalab.FORMATS,
-    *argus.FORMATS,
+    *dltdv_files.ARGUS_FORMATS,
     *dltdv_set.FORMATS,
     *offered("mocap.formats", Format).values(),
     *plain.FORMATS,
@@ -123,9 +112,6 @@ def _of_either(
         hints: What the user states.
         format: What the file is, if that is known.
         result: What is wanted, of the file to read and of sentences on how its text was read.
-
-    Raises:
-        FormatError: neither is accepted.
     """
 
     def fits(beginning: Head) -> bool:
@@ -174,9 +160,7 @@ def read(path: Path, hints: Hints | None = None) -> FileContents:
         FormatError: it is of none, or not what its format promises.
     """
     hints = hints or Hints()
-    if path.is_dir():
-        return read_as(by_name("pose-json"), path, hints)
-    return read_as(identify(path, hints), path, hints)
+    return read_as(by_name("pose-json") if path.is_dir() else identify(path, hints), path, hints)
 
 
 def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
@@ -186,40 +170,31 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
         FormatError: it is not what the format promises.
     """
     if path.is_dir():
-        return plausible(pose_json.read_folder(path))
+        return plausible(keypoints_json.read_folder(path))
     if format.name in BESIDE:
         return plausible(format.read(path, hints))
 
-    return _of_either(path, hints, format, lambda file, told: _of(path, told, _read_as(format, file, hints)))
+    def of_file(file: Path, told: Sequence[str]) -> FileContents:
+        """As of the file that the user named, its findings beginning with how its text was read."""
+        _ = head(file).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
+        found = plausible(format.read(file, hints))
+        return replace(found, paths=(path,), findings=(*told, *found.findings), assumed=(*told, *found.assumed))
+
+    return _of_either(path, hints, format, of_file)
 
 
 @contextmanager
 def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """A table to read in place of one that a spreadsheet or another program wrote, while the context lasts.
+    """A table to read in place of one that a spreadsheet or another program wrote, and sentences on how it was read.
 
-    For readers of one kind of file that the user names as such: camera profiles, coefficients, known points.
-
-    Args:
-        path: Text with any separator, decimal mark and encoding that ``mocap.io.transcribe`` knows, or a workbook.
-
-    Yields:
-        The file to read, and sentences on how the text was read.
+    For readers of one kind of file that the user names as such: camera profiles, coefficients, known points. It is
+    there while the context lasts.
 
     Raises:
-        FormatError: its text is none of these.
+        FormatError: its text has no separator, decimal mark and encoding that ``mocap.io.transcribe`` knows.
     """
     with transcribed(path, known=_known) as (file, told):
         yield file, told
-
-
-def _of(path: Path, told: Sequence[str], recording: FileContents) -> FileContents:
-    """A recording as of the file that the user named, its findings beginning with how the text was read."""
-    return replace(recording, paths=(path,), findings=(*told, *recording.findings), assumed=(*told, *recording.assumed))
-
-
-def _read_as(format: Format, path: Path, hints: Hints) -> FileContents:
-    _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
-    return plausible(format.read(path, hints))
 
 
 def writer(path: Path, name: str | None) -> Format:
@@ -282,11 +257,7 @@ def parts(recording: FileContents) -> dict[str, str]:
 
 
 def _from_the_top(path: Path, format: Format, recording: FileContents) -> FileContents:
-    """The recording with pixel rows counted from the upper left.
-
-    Raises:
-        FormatError: an image's height is not known, or the calibration that is written belongs to the rows as they are.
-    """
+    """The recording with pixel rows counted from the upper left."""
     sizes = [camera.size_px for camera in recording.cameras] or [size for _, size in recording.lenses]
     if recording.pixels is None or None in sizes or not sizes or (recording.cameras and "cameras" in format.holds):
         raise FormatError(
@@ -298,15 +269,9 @@ def _from_the_top(path: Path, format: Format, recording: FileContents) -> FileCo
 
 
 def write(recording: FileContents, path: Path, name: str | None = None, *, filled: bool = False) -> list[str]:
-    """Write a recording.
+    """Write a recording to a file, in place of what is there, as the end of its name says or ``name`` does.
 
     Filled samples go to formats that can say that they are filled; to others only where ``filled`` asks for them.
-
-    Args:
-        recording: What to write.
-        path: File to write; what is there is replaced.
-        name: Format; None: as the end of the file's name says.
-        filled: Whether filled samples are written as if measured where the format cannot tell.
 
     Returns:
         A sentence for each thing that the file does not hold, or holds otherwise.

@@ -21,11 +21,8 @@ def fixed_markers(names: Sequence[str], xyz: Array, bodies: Sequence[str], trans
     Args:
         names: The M markers.
         xyz: (T, M, 3) positions; NaN where not seen.
-        bodies: The B bodies.
+        bodies: The B bodies; those with three markers at least are given back.
         transforms: (T, B, 4, 4) world from body, in the unit of the positions; NaN where a body is not known.
-
-    Returns:
-        Bodies with three markers at least.
     """
     away = xyz[:, None] - transforms[:, :, None, :3, 3]
     local = np.einsum("tbji,tbmj->tbmi", transforms[..., :3, :3], away)

@@ -11,16 +11,12 @@ from eal.arrays import Array
 from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
-from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording
+from mocap.io.contents import FileContents, camera_files, of_animals, pixel_recording, point_recording, points_of
 from mocap.io.format import Format, Hints
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """Datasets of the root, as far as they are there.
-
-    Raises:
-        FormatError: HDF5 cannot read the file.
-    """
+    """Datasets of the root, as far as they are there."""
     import h5py
 
     try:
@@ -76,22 +72,19 @@ def _analysis(path: Path, _hints: Hints) -> FileContents:
         else:
             raise FormatError(f"{path.name}: point_scores has shape {score.shape}, unlike tracks: export it again")
         score = score.reshape(1, frames, -1).astype(np.float64)
+    names, pairs = of_animals(individuals, parts)
+    folder = path.absolute().parent.name  # sleap-anipose calls it after the camera
     return pixel_recording(
         path,
         "sleap-analysis",
-        names=[n if animals == 1 else f"{i}_{n}" for i in individuals for n in parts],
-        cameras=[_camera_name(path)],
+        names=names,
+        cameras=[folder if folder in path.name else path.name.split(".")[0]],
         uv_px=xy.reshape(1, frames, -1, 2).astype(np.float64),
         first=0,
         pixel_origin="upper-left",
-        animals=tuple((i, n) for i in individuals for n in parts),
+        animals=pairs,
         score=score,
     )
-
-
-def _camera_name(path: Path) -> str:
-    """sleap-anipose keeps the files of a camera in a folder of its name; else the file's name tells."""
-    return path.absolute().parent.name if path.absolute().parent.name in path.name else path.name.split(".")[0]
 
 
 def _points(path: Path, _hints: Hints) -> FileContents:
@@ -101,15 +94,15 @@ def _points(path: Path, _hints: Hints) -> FileContents:
             f"{path.name}: tracks has shape {tracks.shape}; expected frames x tracks x nodes x 3 (sleap-anipose)"
         )
     frames, animals, nodes, _ = tracks.shape
-    parts = [f"node{i + 1}" for i in range(nodes)]
+    names, pairs = of_animals([f"track{i + 1}" for i in range(animals)], [f"node{i + 1}" for i in range(nodes)])
     return point_recording(
         path,
         "sleap-anipose-3d",
-        names=[n if animals == 1 else f"track{i + 1}_{n}" for i in range(animals) for n in parts],
+        names=names,
         xyz=tracks.reshape(frames, -1, 3).astype(np.float64),
         unit=None,
         first=0,
-        animals=tuple((f"track{i + 1}", n) for i in range(animals) for n in parts),
+        animals=pairs,
         findings=("names of points are not in the file: they are numbered in the order of the SLEAP skeleton",),
     )
 
@@ -158,15 +151,16 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
             score[at] = instance.numpy(scores=True)[:, 2]
     stems = [Path(str(video.filename)).stem for video in labels.videos]
     told = ["instances without a track are in no order: one animal may be another in the next frame"] if unnamed else []
+    names, pairs = of_animals(animals, parts)
     return pixel_recording(
         path,
         "sleap-labels",
-        names=[n if len(animals) == 1 else f"{a}_{n}" for a in animals for n in parts],
+        names=names,
         cameras=stems if len(set(stems)) == len(stems) else [f"cam{c + 1}" for c in range(len(stems))],
         uv_px=xy.reshape(*xy.shape[:2], -1, 2),
         first=first,
         pixel_origin="upper-left",
-        animals=tuple((a, n) for a in animals for n in parts),
+        animals=pairs,
         score=None if np.isnan(score).all() else score.reshape(*score.shape[:2], -1),
         findings=tuple(told),
     )
@@ -206,10 +200,9 @@ def _write_analysis(path: Path, recording: FileContents) -> None:
 
 def _write_points(path: Path, recording: FileContents) -> list[str]:
     """sleap-anipose's points."""
-    if recording.points is None:
-        raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} contains none")
+    xyz = points_of(path, recording).xyz_m / recording.length_m(path)
     _, parts, _ = recording.grid()
-    path.write_bytes(_as_hdf5({"tracks": _spread(recording, recording.points.xyz_m / recording.length_m(path))}))
+    path.write_bytes(_as_hdf5({"tracks": _spread(recording, xyz)}))
     return [f"the format has no names; its nodes are in this order: {', '.join(parts)}"]
 
 

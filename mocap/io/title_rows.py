@@ -42,11 +42,7 @@ _SHOWN = 3
 def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
     """A table with one row of titles (or none) over rows of numbers, commas between cells, and what was done to it.
 
-    Args:
-        text: With line ends of Unix.
-
-    Returns:
-        None where it is no table of numbers to its end, or where its layout leaves open what belongs to what.
+    None where a text (with line ends of Unix) is no table of numbers to its end, or leaves open what belongs to what.
     """
     lines = text.replace("\xa0", " ").rstrip("\n\x1a\f ").split("\n")
     comments = {i: found["text"].strip() for i, line in enumerate(lines) if (found := _COMMENT.fullmatch(line))}
@@ -189,10 +185,7 @@ def _named(names: Cells, axes: Cells) -> Cells | None:
 def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells, str]:
     """A column as numbers with decimal points, clock times as seconds, words as empty cells; and what was done.
 
-    Args:
-        title: Of the column, for the sentence.
-        column: Its cells.
-        quoted: Whether commas separate cells: then 1,234 in quotes may be a thousand.
+    Where commas separate cells 1,234 in quotes (``quoted``) may be a thousand.
 
     Raises:
         ValueError: it holds both words and numbers, decimal commas and points, or commas that may be of thousands.

@@ -4,12 +4,20 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, points_of
+from mocap.io.format import Hints
+from mocap.io.lines import read_lines
+from mocap.io.registry import read, write, writer
+from mocap.stated import check_stated
+from mocap.text import visible
 
 
 def joined(recordings: Sequence[FileContents]) -> FileContents:
@@ -98,13 +106,10 @@ def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -
     if len(set(names)) != len(names):
         names = [f"cam{c + 1}" for c in range(len(pixels))]
     markers = list(dict.fromkeys(name for r in pixels for name in r.names))
-    frames = np.unique(np.concatenate([r.frames for r in pixels]))
-    uv = np.full((len(pixels), len(frames), len(markers), 2), np.nan)
-    score = np.full(uv.shape[:3], np.nan)
-    for c, r in enumerate(pixels):
-        row, column = np.searchsorted(frames, r.frames)[:, None], np.array([markers.index(name) for name in r.names])
-        uv[c, row, column] = r.pixels.uv_px[0] if r.pixels is not None else np.nan
-        score[c, row, column] = r.score[0] if r.score is not None else np.nan
+    frames, views = _on_common_frames(pixels)
+    table = np.full((len(pixels), len(frames), len(markers), 3), np.nan)
+    for c, (r, view) in enumerate(zip(pixels, views, strict=True)):
+        table[c][:, [markers.index(name) for name in r.names]] = view
     lengths = [len(r.frames) for r in pixels]
     findings = [f for r in pixels for f in r.findings]
     if len(set(lengths)) > 1:
@@ -112,25 +117,49 @@ def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -
     alone = [name for name in markers if sum(name in r.names for r in pixels) < 2]
     if alone:
         findings.append(f"only one view has the markers {', '.join(alone[:8])}{', ...' if len(alone) > 8 else ''}")
-    origins = {r.pixel_origin for r in pixels}
-    first = next(r for r in pixels)
-    return replace(
-        pixel_recording(
-            first.paths[0],
-            first.format,
-            names=markers,
-            cameras=names,
-            uv_px=uv,
-            frames=frames,
-            first=int(frames[0]) if first.fps is None else first.frames[0],
-            fps=first.fps,
-            pixel_origin=origins.pop() if len(origins) == 1 else None,
-            animals=first.animals if list(first.names) == markers else (),
-            score=None if np.isnan(score).all() else score,
-            findings=tuple(dict.fromkeys(findings)),
-        ),
-        paths=tuple(path for r in pixels for path in r.paths),
+    origins: set[PixelCorner | None] = {r.pixel_origin for r in pixels}
+    found = _of_files(pixels, markers, names, frames, table, origins.pop() if len(origins) == 1 else None, findings)
+    return replace(found, animals=pixels[0].animals) if list(pixels[0].names) == markers else found
+
+
+def _on_common_frames(pixels: Sequence[FileContents]) -> tuple[NDArray[np.int64], list[Array]]:
+    """(T,) frames that any of some files of one camera each has, and of each (T, M, 3) pixels and scores in them."""
+    frames = np.unique(np.concatenate([r.frames for r in pixels]))
+    views = []
+    for r in pixels:
+        view = np.full((len(frames), len(r.names), 3), np.nan)
+        rows = np.searchsorted(frames, r.frames)
+        view[rows, :, :2] = r.pixels.uv_px[0] if r.pixels is not None else np.nan
+        view[rows, :, 2] = r.score[0] if r.score is not None else np.nan
+        views.append(view)
+    return frames, views
+
+
+def _of_files(
+    files: Sequence[FileContents],
+    names: Sequence[str],
+    cameras: Sequence[str],
+    frames: NDArray[np.int64],
+    table: Array,
+    origin: PixelCorner | None,
+    findings: Sequence[str],
+) -> FileContents:
+    """One recording of (C, T, M, 3) pixels and scores from several files, with the times of the first."""
+    first = files[0]
+    found = pixel_recording(
+        first.paths[0],
+        first.format,
+        names=names,
+        cameras=cameras,
+        uv_px=table[..., :2],
+        frames=frames,
+        first=int(frames[0]) if first.fps is None else int(first.frames[0]),
+        fps=first.fps,
+        pixel_origin=origin,
+        score=None if np.isnan(table[..., 2]).all() else table[..., 2],
+        findings=tuple(dict.fromkeys(findings)),
     )
+    return replace(found, paths=tuple(path for r in files for path in r.paths))
 
 
 _SIDE = re.compile(r"[ _.-]*(left|right)(?![a-z])", re.IGNORECASE)
@@ -145,37 +174,12 @@ def _sides(pixels: Sequence[FileContents]) -> list[FileContents]:
         return list(pixels)
     out = []
     for files in groups.values():
-        frames = np.unique(np.concatenate([r.frames for r in files]))
-        names, uv, score = [], [], []
-        for r in files:
-            side = _SIDE.search(r.paths[0].name)
-            names += [f"{name}_{side[1].lower()}" if side else name for name in r.names]
-            rows = np.searchsorted(frames, r.frames)
-            whole = np.full((len(frames), len(r.names), 3), np.nan)
-            whole[rows, :, :2] = r.pixels.uv_px[0] if r.pixels is not None else np.nan
-            whole[rows, :, 2] = r.score[0] if r.score is not None else np.nan
-            uv.append(whole[..., :2])
-            score.append(whole[..., 2])
+        frames, views = _on_common_frames(files)
+        sides = [_SIDE.search(r.paths[0].name) for r in files]
+        names = [f"{n}_{s[1].lower()}" if s else n for s, r in zip(sides, files, strict=True) for n in r.names]
+        findings, table = [f for r in files for f in r.findings], np.concatenate(views, axis=1)[None]
         first = files[0]
-        likely = np.concatenate(score, axis=1)[None]
-        out.append(
-            replace(
-                pixel_recording(
-                    first.paths[0],
-                    first.format,
-                    names=names,
-                    cameras=first.camera_names,
-                    uv_px=np.concatenate(uv, axis=1)[None],
-                    frames=frames,
-                    first=int(frames[0]) if first.fps is None else int(first.frames[0]),
-                    fps=first.fps,
-                    pixel_origin=first.pixel_origin,
-                    score=None if np.isnan(likely).all() else likely,
-                    findings=tuple(dict.fromkeys(f for r in files for f in r.findings)),
-                ),
-                paths=tuple(path for r in files for path in r.paths),
-            )
-        )
+        out.append(_of_files(files, names, first.camera_names, frames, table, first.pixel_origin, findings))
     return out
 
 
@@ -275,3 +279,75 @@ def _with_lenses(recording: FileContents) -> FileContents:
         for camera, (lens, size) in zip(recording.cameras, recording.lenses, strict=True)
     ]
     return replace(recording, cameras=tuple(cameras))
+
+
+def convert_files(
+    files: Sequence[Path],
+    out: Path,
+    *,
+    hints: Hints,
+    to: str | None = None,
+    fps: float | None = None,
+    unit: str | None = None,
+    filled: bool = False,
+    contents: FileContents | None = None,
+) -> dict[str, Any]:
+    """Read, join and write.
+
+    Args:
+        files: Files of any format.
+        out: File to write, as ``mocap.io.output.result_file`` gives it; DLTdv's set has its name's beginning.
+        hints: What the user states of the files.
+        to: Format, as ``filled`` an argument of ``mocap.io.registry.write``.
+        fps: Frames a second; replaces what the files say.
+        unit: Of lengths, where the files do not state it.
+        filled: See above.
+        contents: What is written in place of what the files hold; None: that.
+
+    Returns:
+        ``format``, names of the files ``written``, ``remarks`` on what is not held or held otherwise, ``findings``.
+
+    Raises:
+        MocapError: a file cannot be read, the format cannot hold it, or a file exists.
+    """
+    check_stated("fps", fps)
+    format = writer(out, to)
+    recording = joined([read(path, hints) for path in files]) if contents is None else contents
+    recording = recording if fps is None else recording.with_rate(fps)
+    recording = recording if unit is None else recording.with_unit(unit)
+    remarks = write(recording, out, format.name, filled=filled)
+    return {
+        "format": format.name,
+        "written": [path.name for path in format.files(out, recording)],
+        "remarks": remarks,
+        "findings": list(recording.remarks),
+    }
+
+
+def point_names(given: Path | Sequence[str], count: int) -> list[str]:
+    """The names of so many points, in their order.
+
+    They are given as a list; as a text with a name a line (``pointnames.txt``), or all in one, between commas or
+    tabs; or by a file of any known format.
+
+    Raises:
+        FormatError: there are not as many, or one appears twice.
+    """
+    where = given.name if isinstance(given, Path) else "`names`"
+    names = _of_file(given) if isinstance(given, Path) else list(given)
+    if len(names) != count:
+        raise FormatError(
+            f"{where}: {len(names)} names for {count} points of the recording: give one name a line, in its order"
+        )
+    if len(set(names)) != count:
+        raise FormatError(f"{where}: {max(names, key=names.count)!r} appears twice: rename one")
+    return names
+
+
+def _of_file(path: Path) -> list[str]:
+    try:
+        return list(read(path).names)
+    except FormatError:
+        lines = [line.strip() for line in read_lines(path) if line.strip()]
+        cells = lines if len(lines) > 1 else lines[0].replace("\t", ",").split(",")
+        return [visible(cell.strip().strip('"')) for cell in cells]

@@ -105,10 +105,8 @@ def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
     text, told = decoded(path, data)
     text = one_kind(text)
     if hint := _SEP.match(text):
-        text, told = (
-            text[hint.end() :],
-            (*told, f"the first line, {hint[0].strip()!r}, was left out, and is not counted"),
-        )
+        text = text[hint.end() :]
+        told = (*told, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
     head = Head(path, text[:LENGTH].encode())
     separator = _separator(head.lines)
     if separator == ";":
@@ -205,11 +203,7 @@ def _cell(pattern: str, separator: str) -> re.Pattern[str]:
 
 
 def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
-    """A text with semicolons between its cells as one with commas and decimal points.
-
-    Raises:
-        FormatError: some numbers have decimal commas, others points.
-    """
+    """A text with semicolons between its cells as one with commas and decimal points."""
     told = "cells are separated by semicolons"
     if found := _decimal_comma(text, ";"):
         if point := _cell(_WITH_POINT, ";").search(text) if "." in text else None:

@@ -7,9 +7,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.cells import as_cell, from_cell
-from mocap.io.contents import FileContents, point_recording, points_of
+from mocap.io.contents import FileContents, point_recording, points_of, table_recording
+from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.format import Format, Hints
+from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, number, numbers, read_lines
 from mocap.io.optical import metres, rate_of_times, told_apart, unit_of
 
@@ -30,6 +31,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
             f"{path.name}: does not begin with PathFileType and the four header lines of a TRC file: export it again"
         )
     separator = next((mark for mark in "\t," if mark in lines[1]), None)
+    mark = separator or "\t"
     keys, told, titles = ([cell.strip() for cell in line.split(separator)] for line in lines[1:4])
     head = dict(zip(keys, told, strict=False))
     if not head.get("Units"):
@@ -39,32 +41,29 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     rows = [(i, line) for i, line in enumerate(lines[5:], start=6) if line.strip(", \t")]
     if not rows:
         raise FormatError(f"{path.name}: no frames after the header: export it again")
-    counts = [line.count(separator or "\t") + 1 for _, line in rows]
+    counts = [line.count(mark) + 1 for _, line in rows]
     usual = max(set(counts), key=counts.count)
     for (line, _), count in zip(rows, counts, strict=True):
         if count > usual and (count - usual) % 3:  # no whole trajectory more
             raise FormatError(f"{path.name}: line {line} has {count} cells, expected {usual}: export it again")
     text = [line.rstrip("\t, ") if separator else "\t".join(line.split()) for _, line in rows]
-    names, findings = _names(path, titles, text, separator or "\t")
+    names, findings = _names(path, titles, text, mark)
     if head.get("NumMarkers") != str(len(names)):
         findings.append(f"NumMarkers is {head.get('NumMarkers', 'missing')}, but there are {len(names)} trajectories")
     width = 2 + 3 * len(names)
     ends = [separator is not None and line.count(separator) + 1 < width for _, line in rows]
-    whole = [(line.count(separator or "\t") - 1) % 3 == 0 for line in text]
+    whole = [(line.count(mark) - 1) % 3 == 0 for line in text]
     short = sum(end and full for end, full in zip(ends, whole, strict=True))
     if short:  # Cortex ends a row after the last trajectory that it saw
         findings.append(f"{short} rows end before the last trajectory, which was read as not seen there")
+    filled = zip(text, ends, whole, strict=True)
     text = [
-        line.ljust(len(line) + width - 1 - line.count(separator or "\t"), separator or "\t")
-        if full or not end
-        else line
-        for line, end, full in zip(text, ends, whole, strict=True)
+        line + mark * max(0, width - 1 - line.count(mark)) if full or not end else line for line, end, full in filled
     ]
-    values = numbers(path, text, separator=separator or "\t", columns=width, first_line=rows[0][0])
+    values = numbers(path, text, separator=mark, columns=width, first_line=rows[0][0])
     frames, times = values[:, 0], values[:, 1]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
-    xyz = values[:, 2:]
     fps, said = _rate(path, times, head.get("DataRate", ""))
     findings += said
     if str(len(rows)) != head.get("NumFrames"):
@@ -74,7 +73,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         path,
         "trc",
         names=names,
-        xyz=xyz,
+        xyz=values[:, 2:],
         unit=unit,
         frames=frame_numbers(path, frames, first_line=rows[0][0]),
         fps=fps,
@@ -84,11 +83,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
 
 
 def _names(path: Path, titles: list[str], rows: list[str], separator: str) -> tuple[list[str], list[str]]:
-    """The name of each trajectory of the rows, U_1, U_2, ... of those without one, and a finding on what was renamed.
-
-    Raises:
-        FormatError: line 4 names more than rows hold, or names stand over no trajectory's first column.
-    """
+    """The name of each trajectory (U_1, U_2, ... without one), and a finding on what was renamed."""
     lengths = [row.count(separator) + 1 for row in rows]
     named = [(place, from_cell(title)) for place, title in enumerate(titles[2:]) if title]
     count = max(-(-(max(lengths) - 2) // 3), len(named))
@@ -122,9 +117,6 @@ def _write(path: Path, recording: FileContents) -> None:
     """Write positions in the unit of the recording, at their times; what is not seen is ``NaN``.
 
     OpenSim of all versions reads that (before 4.2 an empty cell shifts the row); it takes column Time.
-
-    Raises:
-        FormatError: there is nothing to write, or a name cannot be said.
     """
     tracks = points_of(path, recording)
     bad = next((name for name in tracks.names if not name.strip() or re.search(r"[\t\r\n]", name)), None)
@@ -148,7 +140,69 @@ def _write(path: Path, recording: FileContents) -> None:
             stream.write(f"{frame}\t{t_s:.9f}\t" + "\t".join(cells) + "\n")
 
 
+_HEAD_LINES = 200
+"""Lines in which the head must end."""
+
+
+def _ends(lines: tuple[str, ...] | list[str]) -> int | None:
+    """The line that ends the head."""
+    return next((i for i, line in enumerate(lines[:_HEAD_LINES]) if line.strip().lower() == "endheader"), None)
+
+
+def _is_storage(head: Head) -> bool:
+    end = _ends(head.lines)
+    return end is not None and head.lines[end + 1 :][:1] != () and head.lines[end + 1].lower().startswith("time")
+
+
+def _read_storage(path: Path, _hints: Hints) -> FileContents:
+    """Quantities as the table ``quantities`` (T, N); of data type Vec3 positions, of markers as OpenSim writes them.
+
+    Raises:
+        FormatError: the head or a row is not that of a storage file; the message names the line.
+    """
+    lines = read_lines(path)
+    end = _ends(lines)
+    if end is None or len(lines) < end + 3:
+        raise FormatError(f"{path.name}: no rows after the line endheader: export it again")
+    said = dict(re.findall(r"(?m)^\s*(\w+)\s*=\s*(.*?)\s*$", "\n".join(lines[:end])))
+    vectors = said.get("DataType", "").lower() == "vec3"
+    rows = [re.sub(r"[\s,]+" if vectors else r"\s+", "\t", line.strip()) for line in lines[end + 2 :] if line.strip()]
+    title, *names = lines[end + 1].split("\t") if "\t" in lines[end + 1] else lines[end + 1].split()
+    names = [name.strip() for name in names if name.strip()]
+    if title.strip().lower() != "time" or not names:
+        raise FormatError(f"{path.name}: line {end + 2} is not time and the names of quantities: export it again")
+    width = 1 + len(names) * (3 if vectors else 1)
+    values = numbers(path, rows, separator="\t", columns=width, first_line=end + 3)
+    if not np.isfinite(values[:, 0]).all():
+        raise FormatError(f"{path.name}: a time is missing in the first column: export it again")
+    fps, findings = rate_of_times(path, values[:, 0])
+    stated = re.sub(r"\D", "", said.get("nRows", said.get("datarows", "")))
+    if stated and int(stated) != len(values):
+        findings.append(f"nRows is {stated}, but there are {len(values)} rows")
+    if vectors:
+        unit = said.get("Units", "").lower() or None
+        return point_recording(
+            path, "opensim-storage", names=names, xyz=values[:, 1:], unit=unit, fps=fps,
+            t_s=values[:, 0], findings=tuple(findings),
+        )  # fmt: skip
+    angles = {"yes": "angles are in degrees", "no": "angles are in radians"}.get(said.get("inDegrees", "").lower())
+    return table_recording(
+        path,
+        "opensim-storage",
+        names=names,
+        fps=fps,
+        tables={"quantities": values[:, 1:], "time_s": values[:, 0]},
+        findings=(*findings, "coordinates, forces or states, not positions", *([angles] if angles else [])),
+    )
+
+
 FORMATS = (
+    Format(
+        name="opensim-storage",
+        title="quantities over time of OpenSim (.mot, .sto)",
+        knows=_is_storage,
+        read=_read_storage,
+    ),
     Format(
         name="trc",
         title="TRC (Motion Analysis, OpenSim)",

@@ -27,11 +27,7 @@ _UNITS = ("m", "mm", "cm")
 
 
 def length(xyz: Array) -> float:
-    """Median over frames of the greatest distance between two markers; of one marker how far it gets about.
-
-    Args:
-        xyz: (T, M, 3) positions; NaN where not seen.
-    """
+    """Median over frames of the greatest distance between two of (T, M, 3) positions; of one how far it gets about."""
     seen = np.isfinite(xyz).all(axis=-1)
     two = np.flatnonzero(seen.sum(axis=1) >= 2)
     if not len(two):
@@ -54,13 +50,8 @@ def noise(xyz: Array) -> float:
 def guessed(long: float, vague: float = np.nan, *, bounds_m: tuple[float, float] = ANIMALS_M) -> str | None:
     """The unit of an animal so long in it: metres if it can be, else millimetres; of X-ray systems centimetres first.
 
-    Args:
-        long: Its length in the unknown unit.
-        vague: Noise of a coordinate, in the same; NaN: not known. What is long and as noisy is not in metres.
-        bounds_m: Least and greatest length in metres.
-
-    Returns:
-        The unit; None where no length that is none of these units' would do.
+    What is long with coordinates as noisy (``vague``, NaN: not known) is not in metres. None where no length in
+    these units lies between ``bounds_m``.
     """
     if bounds_m == XRAYED_M:
         return next((unit for unit in ("cm", "mm", "m") if _within(long, unit, bounds_m)), None)
@@ -77,13 +68,8 @@ def told(
 ) -> tuple[str, Finding]:
     """The unit that is assumed, and a finding that says so, with the length of the animal in it and in others.
 
-    Args:
-        long: As in ``guessed``, as are ``vague`` and ``bounds_m``.
-        vague: See above.
-        bounds_m: See above.
-        where: The file, for errors.
-        what: What is so long.
-        more: What else speaks against the unit; empty: nothing.
+    ``long``, ``vague`` and ``bounds_m`` are as in ``guessed``; ``where`` is the file, ``what`` is so long, ``more``
+    what else speaks against the unit.
 
     Raises:
         FormatError: no unit makes it an animal.
@@ -108,11 +94,9 @@ def told(
 
 
 def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[Finding, ...]]:
-    """A recording with positions in metres, and findings on the unit where nobody states it.
+    """A recording as read with positions in metres, and findings on the unit where nobody states it.
 
-    Args:
-        recording: As read; only positions without cameras are guessed at.
-        unit: As the user states it; None: not.
+    Only positions without cameras are guessed at.
 
     Raises:
         FormatError: the unit is not known, the file states another, or the length fits no animal in any unit.
@@ -134,10 +118,7 @@ def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileCon
 def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tuple[Finding, ...]]:
     """The unit that a calibration is assumed to be in, by the same rule, and a finding that says so.
 
-    Args:
-        matrices: (C, 3, 4) projections, in the unknown unit.
-        ideal_px: (C, T, M, 2) ideal pixels.
-        where: The file, for errors.
+    Of (C, 3, 4) projections in the unknown unit and (C, T, M, 2) ideal pixels.
 
     Raises:
         FormatError: the length fits no animal in any unit.
@@ -156,12 +137,8 @@ def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tu
     far = np.linalg.norm(places - np.nanmedian(xyz.reshape(-1, 3), axis=0), axis=-1)
     bounds = ANIMALS_M if several else PATHS_M
     unit = guessed(long, bounds_m=bounds) or "m"
-    distant = np.median(far) * UNIT_M[unit] > DISTANT_M
-    more = (
-        f" and filmed from {length_text(far.min() * UNIT_M[unit])} to {length_text(far.max() * UNIT_M[unit])} away"
-        if distant
-        else ""
-    )
+    near, farthest = (length_text(distance * UNIT_M[unit]) for distance in (far.min(), far.max()))
+    more = f" and filmed from {near} to {farthest} away" if np.median(far) * UNIT_M[unit] > DISTANT_M else ""
     what = "the animal" if several else "the path of the marker"
     unit, said = told(long, np.nan, bounds_m=bounds, where=where, what=what, more=more)
     return unit, (said,)

@@ -46,11 +46,9 @@ def is_workbook(path: Path) -> bool:
 
 
 def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
-    """A sheet as the text of a CSV file, and sentences on how it was read.
+    """A sheet, named or by its number from 1 (None: the only one that holds something), as the text of a CSV file.
 
-    Args:
-        path: The workbook.
-        sheet: Name or number from 1 of the sheet; None: the only one that holds something.
+    With sentences on how it was read.
 
     Raises:
         FormatError: openpyxl is not there, the file is damaged or too large unpacked, or the sheet is not told.
@@ -103,11 +101,7 @@ def _holds(pack: zipfile.ZipFile, name: str, what: bytes) -> bool:
 
 
 def _chosen(path: Path, sheets: dict[str, Any], stated: str | None) -> str:
-    """Name of the sheet to read.
-
-    Raises:
-        FormatError: there is none as stated, or several hold something and none is stated.
-    """
+    """Name of the sheet to read."""
     names, listed = list(sheets), ", ".join(f"{i} {name!r}" for i, name in enumerate(sheets, start=1))
     if stated is None:
         names = [name for name in names if any(_rows(path, sheets[name]))]
@@ -124,11 +118,7 @@ def _chosen(path: Path, sheets: dict[str, Any], stated: str | None) -> str:
 
 
 def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
-    """The rows of a sheet without the empty cells at their ends.
-
-    Raises:
-        FormatError: they are more than a file of that size may hold.
-    """
+    """The rows of a sheet without the empty cells at their ends."""
     sheet.reset_dimensions()  # what the file says of them may be wrong
     held = 0
     for values in sheet.iter_rows(values_only=True):
@@ -147,11 +137,7 @@ def _text(value: Any) -> str:
 
 
 def _check_computed(path: Path, name: str, rows: list[list[str]]) -> None:
-    """Every formula has the value that it had when the workbook was saved.
-
-    Raises:
-        FormatError: one has none: programs that are no spreadsheets do not compute.
-    """
+    """Every formula has the value that it had when the workbook was saved."""
     import openpyxl
 
     book = openpyxl.load_workbook(path, read_only=True, data_only=False, keep_links=False)

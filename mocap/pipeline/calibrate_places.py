@@ -14,8 +14,8 @@ from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.known_lens import KnownLens
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError, FormatError
+from mocap.io.anipose import read_lenses
 from mocap.io.clicked import UNITS_M, read_clicks, read_scene
-from mocap.io.lens_file import read_lenses
 from mocap.io.registry import as_table, read
 from mocap.markdown import plain
 from mocap.pipeline.calibrate_lenses import board_pictures

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.findings import Finding
-from mocap.io.parquet_range import ParquetPoints
+from mocap.io.tables_long import ParquetPoints
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import animal
 from mocap.pipeline.recording import Recording, of_points, with_ideal_pixels
@@ -117,7 +117,7 @@ def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording
     """Positions of a Parquet table that is read by range: the recording never is in memory.
 
     Args:
-        path: mocap's long table (``mocap.io.parquet_range``); samples that were not measured are left out.
+        path: mocap's long table (``mocap.io.tables_long``); samples that were not measured are left out.
         skeleton_file: Skeleton TOML; None: none.
 
     Raises:

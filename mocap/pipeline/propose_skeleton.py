@@ -17,7 +17,7 @@ from mocap.filters.joint_types import Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
-from mocap.io.point_names import point_names
+from mocap.io.together import point_names
 from mocap.measures import JointAxes, Places
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.cleaning import clean

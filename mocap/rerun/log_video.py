@@ -10,8 +10,7 @@ import rerun as rr
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera
-from mocap.io.film import pyav
-from mocap.io.movies import FIRST_PIXEL, Movie, straightened, straightening
+from mocap.io.movies import FIRST_PIXEL, Movie, pyav, straightened, straightening
 from mocap.pipeline.parts import Footage
 from mocap.rerun import paths
 from mocap.rerun.columns import log_over_time

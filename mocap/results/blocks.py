@@ -15,8 +15,8 @@ import pyarrow.parquet as parquet
 
 from eal.over_time import at_frames
 from mocap.errors import MocapError
-from mocap.io.parquet_range import COVARIANCES, ParquetPoints
 from mocap.io.tables import EDITED, REPAIRED, WORDS
+from mocap.io.tables_long import COVARIANCES, ParquetPoints
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics

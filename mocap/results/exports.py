@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap.errors import MocapError
-from mocap.io.cells import as_workbook_cell
+from mocap.io.csv_table import as_workbook_cell
 from mocap.io.workbook import COLUMNS
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS, Kinematics, Quantity

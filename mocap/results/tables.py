@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.io.cells import as_cells
-from mocap.io.digits import decimals_of
+from mocap.io.csv_table import as_cells, decimals_of
 from mocap.io.netcdf import as_netcdf
 from mocap.io.tables import origin_words
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles

@@ -1,6 +1,7 @@
 """Recordings of numbers in memory: the same as those of files, and wrong arguments say what is expected."""
 
 import shutil
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -40,9 +41,13 @@ def bat(tmp_path_factory):
     return recording, write_recording(recording, tmp_path_factory.mktemp("bat"))
 
 
+cleaned = cache(clean)
+"""Of a recording that several others are compared with, once."""
+
+
 def same(one, other, rtol=1e-9):
     """Whether two recordings are cleaned to the same numbers."""
-    a, b = clean(one), clean(other)
+    a, b = cleaned(one), cleaned(other)
     assert a.names == b.names
     for part in ("t_s", "xyz_m", "cov_m2", "uv_px", "ray_sd_px"):
         np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=rtol, atol=1e-12)

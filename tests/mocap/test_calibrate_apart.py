@@ -21,9 +21,8 @@ from mocap.cameras.known_lens import KnownLens
 from mocap.cameras.lens import BrownLens
 from mocap.cli.main import main
 from mocap.errors import CalibrationError, FormatError
-from mocap.io.anipose import read_calibration
+from mocap.io.anipose import read_calibration, read_lenses, write_lenses
 from mocap.io.clicked import read_clicks, read_scene
-from mocap.io.lens_file import read_lenses, write_lenses
 from tests.mocap.board_scenes import BOARD, SIZE, poses, rig, seen
 from tests.mocap.rigs import look_at
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap.io.cells import as_cell, from_cell
 from mocap.io.contents import pixel_recording, point_recording
+from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.dltdv import write_residuals
 from mocap.io.registry import read, write
 from mocap.results.tables import write_markers

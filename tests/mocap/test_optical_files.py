@@ -7,9 +7,9 @@ import pytest
 
 from mocap.errors import FormatError
 from mocap.io.c3d import read_c3d
+from mocap.io.optical_csv import read_vicon
 from mocap.io.qualisys import read_mat, read_tsv
 from mocap.io.registry import read
-from mocap.io.vicon import read_csv
 from mocap.records import Status
 from tests.real_data import real
 
@@ -71,7 +71,7 @@ def test_glide_statistics_are_those_of_another_reader(trial, frames, markers, mi
 )
 def test_vicon_statistics_are_those_of_another_reader(trial, frames, missing):
     """PROVENANCE.md: frames, rate, and the share of the ten snake markers that is missing, to one decimal."""
-    tracks = read_csv(real("snake_gap_vicon", f"{trial}.csv")).points
+    tracks = read_vicon(real("snake_gap_vicon", f"{trial}.csv")).points
     assert tracks.seen.shape == (frames, 14)
     snake = [m for m, name in enumerate(tracks.names) if name.lower().startswith("snake")]
     assert len(snake) == 10
@@ -143,7 +143,7 @@ def test_small_vicon_file(tmp_path, before, after):
     """The section is found between others, and read to the empty line after it."""
     path = tmp_path / "a.csv"
     path.write_bytes((before + CSV + after).encode())
-    tracks = read_csv(path).points
+    tracks = read_vicon(path).points
     assert tracks.names == ("A:tip", "A:root")
     np.testing.assert_allclose(tracks.t_s, [0.10, 0.11])
     np.testing.assert_allclose(tracks.xyz_m[:, 0], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
@@ -200,7 +200,7 @@ DAMAGED_CSV = {
 
 @pytest.mark.parametrize(
     ("read", "content", "message"),
-    [(read_tsv, *case) for case in DAMAGED_TSV.values()] + [(read_csv, *case) for case in DAMAGED_CSV.values()],
+    [(read_tsv, *case) for case in DAMAGED_TSV.values()] + [(read_vicon, *case) for case in DAMAGED_CSV.values()],
     ids=[f"qualisys: {name}" for name in DAMAGED_TSV] + [f"vicon: {name}" for name in DAMAGED_CSV],
 )
 def test_damaged_text_is_refused_in_one_line(tmp_path, read, content, message):

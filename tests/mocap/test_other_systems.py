@@ -15,10 +15,10 @@ from mocap import documents
 from mocap.cli.track import again
 from mocap.errors import FormatError, OutputError
 from mocap.io import output
+from mocap.io.bounds import limit_windows_memory
 from mocap.io.head import head
 from mocap.io.manifest import MANIFEST, current
 from mocap.io.output import result_folder
-from mocap.io.windows import limit_memory
 from mocap.pipeline.parts import JointPotential
 from mocap.results import stored
 from mocap.text import file_names
@@ -86,10 +86,10 @@ def test_memory_of_damaged_files_has_a_limit_on_windows():
 
     kernel = SimpleNamespace(CreateJobObjectW=Call(7), GetCurrentProcess=Call(2**64 - 1))
     kernel.SetInformationJobObject, kernel.AssignProcessToJobObject = states, lambda job, own: bool(job and own)
-    assert limit_memory(3 << 30, kernel)
+    assert limit_windows_memory(3 << 30, kernel)
     assert said == [(9, 144, 0x100, 3 << 30)]
     kernel.AssignProcessToJobObject = lambda *_: 0
-    assert not limit_memory(3 << 30, kernel)
+    assert not limit_windows_memory(3 << 30, kernel)
 
 
 def test_a_file_that_excel_has_open_is_named(tmp_path, monkeypatch):

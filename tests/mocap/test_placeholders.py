@@ -5,10 +5,10 @@ import pytest
 
 import mocap
 from mocap.audit.inspect import inspect
-from mocap.io.convert import convert_files
 from mocap.io.format import Hints
-from mocap.io.placeholders import placeholders
+from mocap.io.plausible import placeholders
 from mocap.io.registry import read
+from mocap.io.together import convert_files
 
 T, M = 120, 4
 

@@ -90,6 +90,8 @@ def test_bodies_of_qualisys(tmp_path, made, numbered):
     assert found.skeleton.bodies == MEMBERS
     shown = np.array([found.bodies["trunk"][name] for name in MEMBERS["trunk"]])
     np.testing.assert_allclose(shown, places[4:], atol=1e-4)
+    if not numbered:
+        return
     proposed = mocap.propose_skeleton(found).skeleton
     assert proposed.bodies == MEMBERS
     (axes,) = proposed.measures.axes.values()

@@ -8,8 +8,8 @@ from mocap.cameras.camera import project, stacked, undistorted
 from mocap.cameras.triangulate import robust
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
 from mocap.cleaning.swaps import Swap, exchange, exchanged_markers, exchanged_samples
+from mocap.io.optical_csv import read_vicon
 from mocap.io.qualisys import read_mat, read_tsv
-from mocap.io.vicon import read_csv
 from tests.real_data import real
 
 NO_BONES = np.zeros((0, 2), dtype=np.int64)
@@ -207,7 +207,7 @@ def test_edges():
 @pytest.mark.parametrize("kind", ["snake_glide_qualisys", "snake_gap_vicon"])
 def test_snakes_of_others_are_not_exchanged(kind):
     """Recordings that their authors corrected by hand hold no exchange."""
-    folder, read = real(kind), read_tsv if "glide" in kind else read_csv
+    folder, read = real(kind), read_tsv if "glide" in kind else read_vicon
     files = sorted(p for p in folder.iterdir() if p.suffix in (".tsv", ".csv"))
     assert files
     for path in files[:4]:

@@ -308,10 +308,10 @@ def test_what_is_not_there_is_said_to_be_missing(tmp_path, monkeypatch):
 def test_a_request_to_end_leaves_nothing_half(tmp_path, number, code, when):
     """A scheduler's SIGTERM is heard as Ctrl-C is: what was begun goes, what is being put in its place comes whole."""
     (tmp_path / "a.csv").write_text("p_x,p_y,p_z\n1,2,3\n4,5,6\n")
-    target = "mocap.io.convert.write" if when == "before" else "mocap.io.output.write_manifest"
+    target = "mocap.io.together.write" if when == "before" else "mocap.io.output.write_manifest"
     start = (
         "import os, signal\nfrom unittest import mock\nfrom mocap.cli.main import main\n"
-        "import mocap.io.convert, mocap.io.output\n"
+        "import mocap.io.together, mocap.io.output\n"
         f"signal.signal(signal.SIGINT, signal.default_int_handler)\nreal = {target}\n"
         f"def call(*a, **k):\n    os.kill(os.getpid(), signal.{number})\n    return real(*a, **k)\n"
         f"with mock.patch('{target}', call):\n    main()\n"

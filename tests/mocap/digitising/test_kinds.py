@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from mocap.cli.main import app
 from mocap.digitising.clicks import write_clicks
-from mocap.io.film import pyav
 from mocap.io.format import Hints
+from mocap.io.movies import pyav
 from mocap.io.registry import read
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
 

@@ -7,11 +7,12 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.apart import variables
 from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
-from mocap.io.matlab import variables
+from mocap.io.optical import rate, told_apart
 
 
 def _numbers(path: Path, value: Any, what: str) -> Array:
@@ -24,11 +25,7 @@ def _numbers(path: Path, value: Any, what: str) -> Array:
 def _recording(
     path: Path, format: str, xyz: Array, frames: Array | None, *, names: list[str] | None = None, **parts: Any
 ) -> FileContents:
-    """A recording of (T, A, M, 3) points of A animals, whose frames are ``frames`` (None: one after another).
-
-    Raises:
-        FormatError: frames are no increasing whole numbers, or not as many as the rows.
-    """
+    """A recording of (T, A, M, 3) points of A animals, whose frames are ``frames`` (None: one after another)."""
     count, animals, points = xyz.shape[:3]
     findings = list[str]()
     if names is None or len(names) != points:
@@ -91,16 +88,71 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
     return _recording(path, "label3d", shaped, numbers, names=[str(word) for word in words] or None)
 
 
-def _is_predictions(head: Head) -> bool:
-    return bool({"pred", "com"} & head.mat) and bool({"sampleID", "p_max"} & head.mat)
+_FIELDS = {"type", "nMarkers", "freq", "markerName", "data"}
+
+
+def _structures(path: Path) -> dict[str, Any]:
+    """The variables that are such structures, by name."""
+    found = variables(path).items()
+    return {name: own for name, own in found if isinstance(own, dict) and own.keys() >= _FIELDS}
+
+
+def _read_structure(path: Path) -> FileContents:
+    """Positions of ``data``, frames x (x, y, z of each marker); the structure states no unit.
+
+    Raises:
+        FormatError: there are several structures, or one holds derivatives or norms, or contradicts itself.
+    """
+    own, *others = _structures(path).items()
+    if others:
+        names = ", ".join(name for name, _ in (own, *others))
+        raise FormatError(f"{path.name}: has the structures {names}; expected one: save one alone")
+    name, table = own
+    if str(table["type"]) != "MoCap data" or np.any(table.get("timederOrder", 0)):
+        raise FormatError(
+            f"{path.name}: {name} is of type {str(table['type'])!r} and order {table.get('timederOrder', 0)} of "
+            "derivatives; expected 'MoCap data' and 0, positions of markers"
+        )
+    data = np.atleast_2d(np.asarray(table["data"], dtype=np.float64))
+    names = [str(name) for name in np.ravel(np.asarray(table["markerName"], dtype=object))]
+    if data.ndim != 2 or data.shape[1] != 3 * len(names) or np.any(table["nMarkers"] != len(names)):
+        raise FormatError(
+            f"{path.name}: {name}.data has shape {data.shape}, nMarkers is {table['nMarkers']}, for {len(names)} "
+            "names; expected x, y, z of each marker: save it again"
+        )
+    names, findings = told_apart(names)
+    return point_recording(
+        path,
+        "mocaptoolbox",
+        names=names,
+        xyz=data.reshape(len(data), -1, 3),
+        unit=None,
+        fps=rate(path, table["freq"]),
+        findings=tuple(findings),
+    )
+
+
+def _has_structure(head: Head) -> bool:
+    return bool(head.mat) and not head.mat & {"easyWandData", "camud"} and bool(_structures(head.path))
 
 
 FORMATS = (
-    Format(name="dannce", title="predictions of DANNCE (.mat)", knows=_is_predictions, read=_predictions),
+    Format(
+        name="dannce",
+        title="predictions of DANNCE (.mat)",
+        knows=lambda head: bool({"pred", "com"} & head.mat and {"sampleID", "p_max"} & head.mat),
+        read=_predictions,
+    ),
     Format(
         name="label3d",
         title="labels of Label3D, also as DANNCE takes them (.mat)",
         knows=lambda head: "data_3D" in head.mat or "labelData" in head.mat,
         read=_labels,
+    ),
+    Format(
+        name="mocaptoolbox",
+        title="structure of the MoCap Toolbox (MATLAB)",
+        knows=_has_structure,
+        read=lambda path, _: _read_structure(path),
     ),
 )

@@ -34,9 +34,9 @@ from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.pipeline.demo import measured_demo
 from mocap.pipeline.moving import motion_of
+from mocap.progress import Stages
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
-from mocap.stages import Stages
 
 EDGE = 10
 """Frames at both ends that are not scored."""

@@ -40,17 +40,16 @@ from eal.threads import one_blas_thread
 from mocap.cameras.camera import project, stacked
 from mocap.joints import joint_tracks
 from mocap.measures import Measures
-from mocap.pipeline.blocks import BLOCK
+from mocap.pipeline.blocks import BLOCK, LongRecording, long_tracks
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.long import LongRecording, long_tracks
 from mocap.pipeline.many import learn_joints
 from mocap.pipeline.recording import Recording, of_pixels, of_points
+from mocap.progress import Stages
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.results.long_result import write_in_blocks
 from mocap.skeleton import Skeleton
-from mocap.stages import Stages
 
 FPS, CHUNK, SD_M, SD_PX, LOST = 240.0, 500, 3e-4, 1.0, 0.08
 

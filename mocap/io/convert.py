@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mocap.calls import check_stated
 from mocap.io.contents import FileContents
 from mocap.io.format import Hints
 from mocap.io.registry import read, write, writer
 from mocap.io.together import joined
-from mocap.stated import check_stated
 
 
 def convert_files(

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.cameras.camera import pinhole_camera, pinhole_lens
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import KnownLens, pinhole_camera, pinhole_lens
 from mocap.errors import FormatError
 from mocap.io.anipose import camera_sections, read_calibration, write_calibration
 from mocap.schema import Entry, checked

@@ -9,7 +9,7 @@ from mocap.joint_design.design import ENERGY, JointDesign
 from mocap.joint_design.drawing import member_rows
 from mocap.joint_design.flexure import MM
 from mocap.joint_design.solid import PLATE_MM, keeps_wall
-from mocap.markdown import plain
+from mocap.text import plain
 
 Json = dict[str, object]
 

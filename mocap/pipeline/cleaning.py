@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap import audit
 from mocap.cameras import triangulate
-from mocap.cleaning.bias import lasting_bias, ray_bias
+from mocap.cleaning.bias import lasting_bias, persistent_px, ray_bias
 from mocap.cleaning.camera_health import camera_health, shifted_back
 from mocap.cleaning.clean import clean as cleaned_positions
-from mocap.cleaning.click_noise import click_noise
+from mocap.cleaning.clean import position_sd
+from mocap.cleaning.click_noise import LEAST_PX, click_noise, student_t
 from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
-from mocap.cleaning.persistence import persistent_px
-from mocap.cleaning.position_noise import position_sd
-from mocap.cleaning.robust_rays import LEAST_PX, student_t
 from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, without_edited

@@ -16,6 +16,7 @@ from eal.arrays import Array
 from eal.over_time import at_frames
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
+from mocap.calls import check_stated
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.cleaning.camera_health import BadTime
@@ -29,16 +30,23 @@ from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
-from mocap.joint_angles import JointAngles
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline import sentences
 from mocap.pipeline.parts import Footage, JointPotential, Plane
-from mocap.pipeline.track_variables import angles_of_data, joints_of_data, limbs_of_data, motion_of_data
-from mocap.pipeline.variables import VARIABLES, Values, dataset, with_reasons, with_variables
-from mocap.records import JointTracks, MarkerTracks, PixelTracks
+from mocap.pipeline.variables import (
+    VARIABLES,
+    Values,
+    angles_of_data,
+    dataset,
+    joints_of_data,
+    limbs_of_data,
+    motion_of_data,
+    with_reasons,
+    with_variables,
+)
+from mocap.records import JointAngles, JointTracks, MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton
-from mocap.stated import check_stated
 
 WIDE = 0.05
 """A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""

@@ -9,22 +9,21 @@ from scipy.special import chdtri
 
 from eal.arrays import Array
 from eal.potential import USUAL_LAMBDA, USUAL_WIDTH
+from mocap.cameras.camera import project
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.models.pose import WEIGHT
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
-from mocap.markdown import plain
 from mocap.pipeline import sentences
-from mocap.pipeline.moved import MOVED, moved_report
+from mocap.pipeline.moving import MOVED, moved_report
 from mocap.pipeline.parts import JointPotential
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
 from mocap.pipeline.tracking import Part, lasting_cov
 from mocap.records import Status
-from mocap.text import number_of
+from mocap.text import number_of, plain
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
@@ -446,3 +445,55 @@ def _gap_lines(title: str, methods: Mapping | None, unit: str) -> list[str]:
         lines.append(f"| {plain(method(name))} | {rmse} | {coverage} | {z} |")
     told = "; ".join(f"{METHODS[name][0]}, {METHODS[name][1]}" for name in methods if name in METHODS)
     return [*lines, "", *([f"Methods: {told}.", ""] if told else [])]
+
+
+MOST_ROWS = 60
+
+
+def residuals_by_camera(recording: Recording) -> dict[str, dict[str, float | None]]:
+    """Median distance in pixels from clicks to where their triangulated points project, by camera and by marker.
+
+    Args:
+        recording: A recording; without cameras the result is empty.
+
+    Returns:
+        For each camera its markers, and under ``all`` all of them; None where no believed point is seen.
+    """
+    if not recording.cameras:
+        return {}
+    seen_at = project(recording.matrices, recording.xyz_m)
+    off = np.linalg.norm(seen_at - recording.ideal_px, axis=-1)
+    found = {}
+    for camera, errors in zip(recording.cameras, off, strict=True):
+        columns = {name: errors[:, m] for m, name in enumerate(recording.names)}
+        found[camera.name] = {
+            name: float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else None
+            for name, values in {"all": errors.ravel(), **columns}.items()
+        }
+    return found
+
+
+def residual_lines(residuals: Mapping[str, Mapping[str, float | None]]) -> list[str]:
+    """The table as markdown: a row a marker, a column a camera; of many markers those that miss most."""
+    if not residuals:
+        return []
+    cameras = list(residuals)
+    markers = [name for name in residuals[cameras[0]] if name != "all"]
+    largest = {m: max((residuals[c][m] or 0.0) for c in cameras) for m in markers}
+    markers = sorted(markers, key=lambda m: -largest[m])[:MOST_ROWS]
+
+    def row(title: str, name: str) -> str:
+        cells = ("-" if (v := residuals[c][name]) is None else f"{v:.2f}" for c in cameras)
+        return f"| {title} | " + " | ".join(cells) + " |"
+
+    return [
+        "## Reprojection errors by camera and marker",
+        "",
+        "Median distance in px from the clicks to where their point projects; markers with the largest first.",
+        "",
+        "| marker | " + " | ".join(map(plain, cameras)) + " |",
+        "|---" * (len(cameras) + 1) + "|",
+        row("**all**", "all"),
+        *(row(plain(m), m) for m in markers),
+        "",
+    ]

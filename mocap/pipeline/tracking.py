@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import project
-from mocap.cleaning.persistence import lasting_share
+from mocap.cleaning.bias import lasting_share
 from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
@@ -36,13 +36,11 @@ from mocap.filters.records import Estimate
 from mocap.filters.score import compared
 from mocap.filters.velocities import Asked, Motion
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.lens_effect import filled
-from mocap.pipeline.moved import moved
-from mocap.pipeline.moving import motion_of
+from mocap.pipeline.moving import jump_cov, motion_of, moved
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.sentences import TOGETHER
-from mocap.pipeline.track_variables import with_motion
+from mocap.pipeline.variables import with_motion
 from mocap.records import Status
 from mocap.side_by_side import call_all
 
@@ -296,7 +294,7 @@ def lasting_cov(recording: Recording) -> Array:
     """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
-    (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
+    (``mocap.cleaning.bias``), and that of a lens which was estimated or is not corrected; where a marker is not
     seen, that of the sample of median variance.
     """
     if not recording.cameras:

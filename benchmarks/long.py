@@ -40,7 +40,7 @@ from eal.threads import one_blas_thread
 from mocap.cameras.camera import project, stacked
 from mocap.joints import joint_tracks
 from mocap.measures import Measures
-from mocap.pipeline.blocks import BLOCK, LongRecording, long_tracks
+from mocap.pipeline.blocks import BLOCK, LongRecording
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
@@ -79,7 +79,14 @@ def points(n_frames: int, *, seed: int = 0) -> LongRecording:
         xyz = np.concatenate([_noisy(seed, k) for k in _chunks(frames)])[_inside(frames)]
         return _as_tracks(MARKERS, t_s[frames], xyz)
 
-    return long_tracks(tracks, bat_skeleton(), name="bat", t_s=t_s, names=MARKERS)
+    skeleton = bat_skeleton()
+    return LongRecording(
+        name="bat",
+        skeleton=skeleton,
+        names=MARKERS,
+        t_s=t_s,
+        part=lambda frames: of_points(tracks(frames), skeleton, name="bat"),
+    )
 
 
 def _chunks(frames: slice) -> range:

@@ -123,32 +123,6 @@ def long_recording(source: Recording) -> LongRecording:
     )
 
 
-def long_tracks(
-    tracks: Callable[[slice], MarkerTracks],
-    skeleton: Skeleton,
-    *,
-    name: str,
-    t_s: Array,
-    names: Sequence[str],
-) -> LongRecording:
-    """Positions that are had stretch by stretch, and never all of them.
-
-    Args:
-        tracks: Frames to positions, named as the skeleton names them.
-        skeleton: What is known of the animal.
-        name: Of the recording.
-        t_s: (T,) times.
-        names: The M markers.
-    """
-    return LongRecording(
-        name=name,
-        skeleton=skeleton,
-        names=tuple(names),
-        t_s=t_s,
-        part=lambda frames: of_points(tracks(frames), skeleton, name=name),
-    )
-
-
 def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording:
     """Positions of a Parquet table that is read by range: the recording never is in memory.
 
@@ -174,7 +148,14 @@ def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording
             status=np.where(measured, found.status, Status.MISSING),
         )
 
-    return long_tracks(tracks, skeleton, name=as_text(path.stem), t_s=points.t_s, names=names)
+    name = as_text(path.stem)
+    return LongRecording(
+        name=name,
+        skeleton=skeleton,
+        names=names,
+        t_s=points.t_s,
+        part=lambda frames: of_points(tracks(frames), skeleton, name=name),
+    )
 
 
 BLOCK = 4000
@@ -195,17 +176,13 @@ class Known:
     Attributes:
         name: Of the motion model: ``constant_velocity``, ``mixture``, ``learned``.
         why: Why that one.
-        density: (M,) spectral densities of the markers' accelerations.
-        speed_sd_m_s: Standard deviation of a velocity component before anything is seen.
-        extent_m: That of a position.
+        steady: Each marker by constant velocity.
         learned: Model of poses, mixed with constant velocity; None: constant velocity alone.
     """
 
     name: str
     why: str
-    density: Array
-    speed_sd_m_s: float
-    extent_m: float
+    steady: ConstantVelocity
     learned: LearnedModel | None
 
 
@@ -271,14 +248,7 @@ def learn_once(
         learned = None if reason is not None else _mixture(recording, trials, seed)
         name, why = _choice(model, reason, learned)
         learned = learned if name == "mixture" else None
-    return Known(
-        name=name,
-        why=why,
-        density=steady.density,
-        speed_sd_m_s=steady.speed_sd_m_s,
-        extent_m=steady.start_sd_m,
-        learned=learned,
-    )
+    return Known(name=name, why=why, steady=steady, learned=learned)
 
 
 def _mixture(recording: LongRecording, trials: Sequence[MarkerTrial], seed: int) -> LearnedModel | None:
@@ -355,12 +325,7 @@ def _steady(prepared: Recording, part: Part, known: Known, asked: Asked) -> Esti
     """By constant velocity with what is known."""
     xyz = prepared.xyz_m[part.frames][:, part.markers]
     first = xyz[np.isfinite(xyz[..., 0]).argmax(axis=0), np.arange(xyz.shape[1])]
-    motion = ConstantVelocity(
-        start_m=first,
-        start_sd_m=known.extent_m,
-        speed_sd_m_s=known.speed_sd_m_s,
-        density=known.density[part.markers],
-    )
+    motion = replace(known.steady, start_m=first, density=known.steady.density[part.markers])
     return track(prepared, part, FittedMotion(motion, prepared.t_s[part.frames]), asked=asked)
 
 

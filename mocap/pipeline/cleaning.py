@@ -1,7 +1,7 @@
 """Clean a recording: what a tracker is given, with every sample that is not believed marked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,8 +104,7 @@ def _film(recording: Recording, first: int) -> Recording:
     film = film.having(ideal=shifted_back(film.ideal_px, health))
     shown, gate = by_pixels(film, worse)
     found = triangulate.robust(film.matrices, film.ideal_px, sd_px=gate, relative=worse)
-    named = _names_put_right(film, found, skeleton, names, worse)
-    film, found, swaps, doubtful, worse = named.film, named.found, named.swaps, named.doubtful, named.relative
+    film, found, swaps, doubtful, ambiguous, worse = _names_put_right(film, found, skeleton, names, worse)
     matrices, ideal = film.matrices, film.ideal_px
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     xyz = np.where(doubtful[..., None], np.nan, found.xyz_m)
@@ -132,7 +131,7 @@ def _film(recording: Recording, first: int) -> Recording:
     apart = found.rejected & lost & ~doubtful
     uv = np.where(apart[..., None], ideal - lasting_bias(bias.bias_px, uv), uv)
     unsure = unlikely.any(axis=0) & pointless & ~lost
-    cameras, clicks = [c.name for c in film.cameras], int(named.ambiguous.sum())
+    cameras, clicks = [c.name for c in film.cameras], int(ambiguous.sum())
     rejected = {"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected}
     with_lens = {} if lens_cov is None else {"lens_covariance": lens_cov}
     done = film.having(
@@ -143,7 +142,7 @@ def _film(recording: Recording, first: int) -> Recording:
         believed=uv,
         ray_sd=ray_sd * ratio,
         ray_scale=ray_scale * ratio,
-        ray_rejected=found.rejected | unlikely | named.ambiguous,
+        ray_rejected=found.rejected | unlikely | ambiguous,
         residual=found.residual_px,
         most_speed=cleaning.max_speed_m_s,
         persistent=lasting,
@@ -238,34 +237,17 @@ def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
     return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Named:
-    """Pixels and points with exchanged names undone.
-
-    Attributes:
-        film: The pixels; without ambiguous ones.
-        found: The points.
-        swaps: Runs of frames that were undone.
-        doubtful: (T, M) samples that may be of either of two markers.
-        ambiguous: (C, T, M) clicks that may be of either of two markers.
-        relative: (C, T, M) deviations of rays, exchanged as the rays are.
-    """
-
-    film: Recording
-    found: triangulate.Triangulation
-    swaps: tuple[Swap, ...]
-    doubtful: NDArray[np.bool_]
-    ambiguous: NDArray[np.bool_]
-    relative: Array
-
-
 def _names_put_right(
     film: Recording, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
-) -> _Named:
+) -> tuple[Recording, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_], NDArray[np.bool_], Array]:
     """Undo exchanges of names in single cameras, then in all.
 
     Up to ``CAMERAS`` cameras a single ray says little: there exchanges are proposals, of which a model of all cameras'
     states decides.
+
+    Returns:
+        The pixels without ambiguous ones; their points; runs of frames that were undone; (T, M) samples and (C, T, M)
+        clicks that may be of either of two markers; and the deviations of rays, exchanged as the rays are.
     """
     matrices, uv = film.matrices, film.ideal_px
     rays = exchanged_rays(matrices, uv, found, relative=relative)
@@ -295,11 +277,5 @@ def _names_put_right(
             residual_px=exchange(found.residual_px, swaps),
             rejected=exchange_rays(found.rejected, swaps),
         )
-    return _Named(
-        film=film.having(ideal=uv),
-        found=found,
-        swaps=(*rays, *swaps),
-        doubtful=(points.unsure & ~film.edited) | (exchange(doubtful.astype(float), swaps) > 0),
-        ambiguous=ambiguous,
-        relative=relative,
-    )
+    doubtful = (points.unsure & ~film.edited) | (exchange(doubtful.astype(float), swaps) > 0)
+    return film.having(ideal=uv), found, (*rays, *swaps), doubtful, ambiguous, relative

@@ -302,24 +302,9 @@ class Recording:
         return self.data["residual"].values if "residual" in self.data else np.full(self.xyz_m.shape[:2], np.nan)
 
     @property
-    def persistent_px(self) -> Array:
-        """(M,) standard deviation of a pixel coordinate of errors that no filter averages out."""
-        return self.data["persistent"].values if "persistent" in self.data else np.zeros(self.data.sizes["keypoint"])
-
-    @property
     def max_speed_m_s(self) -> Array:
         """(M,) speed limits that jumps were judged by."""
         return self.values("most_speed")
-
-    @property
-    def camera_factor(self) -> Array:
-        """(C, T) 1 or more: how much worse a camera is than in its good time (``mocap.cleaning.camera_health``)."""
-        return self.values("camera_factor")
-
-    @property
-    def lens_cov_m2(self) -> Array | None:
-        """(T, M, 3, 3) covariance of positions from a lens that was estimated or is not corrected; None: known."""
-        return self.data["lens_covariance"].values if "lens_covariance" in self.data else None
 
     @property
     def rejected(self) -> dict[str, NDArray[np.bool_]]:
@@ -411,14 +396,6 @@ class Recording:
         none = np.zeros((sizes.get("view", 0), sizes["time"], sizes["keypoint"]), dtype=bool)
         return self.data["by_hand"].values if "by_hand" in self.data else none
 
-    @property
-    def camera_sd_px(self) -> Array:
-        """(C,) standard deviation of a coordinate that informs as much as the mean ray of each camera; NaN: no ray."""
-        seen = np.isfinite(self.uv_px[..., 0])
-        total = np.where(seen, 1 / self.ray_sd_px**2, 0.0).sum(axis=(1, 2))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
-
     def having(self, *, rejected: Mapping[str, NDArray[np.bool_]] | None = None, **values: Values) -> "Recording":
         """The same with some variables, new or in place of others (``mocap.pipeline.variables``).
 
@@ -488,10 +465,6 @@ class Recording:
     def without_needless_calibration(self) -> "Recording":
         """The same, without the calibration where it holds positions and no pixels."""
         return self if "pixels" in self.data else replace(self, calibration=None, cameras=())
-
-    def in_unit(self, unit: str) -> "Recording":
-        """The same with cameras in this unit, which nobody states."""
-        return replace(self, unit=unit, cameras=scaled(self.cameras, UNIT_M[unit]))
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
@@ -571,7 +544,7 @@ def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, fi
         return found
     unit, said = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
     if unit != "m":
-        recording = recording.in_unit(unit)
+        recording = replace(recording, unit=unit, cameras=scaled(recording.cameras, UNIT_M[unit]))
         found = _undistorted(recording, _pixels_of(recording), iterations)
     return replace(found, told=(*said, *found.told))
 

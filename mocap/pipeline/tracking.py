@@ -300,8 +300,10 @@ def lasting_cov(recording: Recording) -> Array:
     if not recording.cameras:
         return np.zeros_like(recording.cov_m2)
     usual = recording.jitter_px * (np.ones(len(recording.names)) if recording.noise is None else recording.noise.marker)
-    cov = recording.cov_m2 * lasting_share(recording.persistent_px, usual, removed_px=recording.bias_px)[:, None, None]
-    return filled(cov) if recording.lens_cov_m2 is None else filled(cov) + filled(recording.lens_cov_m2)
+    lasting = np.asarray(recording.data.get("persistent", np.zeros(len(usual))))
+    cov = filled(recording.cov_m2 * lasting_share(lasting, usual, removed_px=recording.bias_px)[:, None, None])
+    lens = recording.data.get("lens_covariance")
+    return cov if lens is None else cov + filled(lens.values)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -202,3 +202,34 @@ class JointAngles:
 def angle_names(ends: Sequence[tuple[str, str]], freedoms: Sequence[int]) -> tuple[str, ...]:
     """Names of the coordinates of joints, each with the names of its marker and of the end of its segment."""
     return tuple(f"{a}_{b}_{part}" for (a, b), k in zip(ends, freedoms, strict=True) for part in PARTS[k])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plane:
+    """The picture of one film, in which markers move.
+
+    Attributes:
+        mm_per_px: Scale; None: not stated, and positions are pixels.
+    """
+
+    mm_per_px: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """Of positions in tables: ``m`` or ``px``."""
+        return "px" if self.mm_per_px is None else "m"
+
+    @property
+    def length(self) -> str:
+        """Of small lengths, in reports: ``mm`` or ``px``, which goes through the chain as a millimetre."""
+        return "px" if self.mm_per_px is None else "mm"
+
+    @property
+    def unit_m(self) -> float:
+        """Metres in which a pixel goes through the chain: 0.001 where no scale is stated."""
+        return 1e-3 * (1.0 if self.mm_per_px is None else self.mm_per_px)
+
+    @property
+    def per_m(self) -> float:
+        """Units of the tables a metre of the chain."""
+        return 1e3 if self.mm_per_px is None else 1.0

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap import audit
+from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
 from mocap.cameras import triangulate
 from mocap.cleaning.bias import lasting_bias, persistent_px, ray_bias
 from mocap.cleaning.camera_health import camera_health, shifted_back
@@ -20,10 +21,10 @@ from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
+from mocap.findings import Finding
 from mocap.pipeline import sentences
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.by_hand import with_hand, without_hand
-from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
 from mocap.records import MarkerTracks, Status
@@ -117,7 +118,7 @@ def _film(recording: Recording, first: int) -> Recording:
         )
     lasting = persistent_px(matrices, uv, found.xyz_m, relative=worse)
     audited = audit.audit_filmed(film.cameras, pixels, ideal, rows, first=first)
-    lens_cov, lens = lens_uncertainty(film, audited, uv)
+    lens_cov, lens = _lens_uncertainty(film, audited, uv)
     bias = ray_bias(matrices, uv, dt_s=film.dt_s, relative=worse)
     bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
     uv = uv - bias.bias_px
@@ -180,6 +181,33 @@ def _film(recording: Recording, first: int) -> Recording:
             *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
         ),
     )
+
+
+def _lens_uncertainty(film: Recording, audited: list[Finding], uv_px: Array) -> tuple[Array | None, list[Finding]]:
+    """(T, M, 3, 3) covariance of points, and findings; None where lenses are given, or nothing speaks of one.
+
+    Of a lens that was estimated it follows from the covariance of its coefficients. One that the audit sees and nobody
+    corrected moves each point by d: it is counted as an error with the covariance d d^T, which no frame averages out.
+
+    Args:
+        film: With ideal pixels.
+        audited: Findings, from which those of a lens are removed once it was estimated.
+        uv_px: (C, T, M, 2) believed ideal pixels.
+    """
+    if film.lens is not None:
+        audited[:] = [f for f in audited if not (f.kind == "distortion" and f.alarm)]
+        each = zip(film.lens.lenses, film.lens.k1, uv_px, strict=True)
+        bent = np.stack([replace(lens, k=(float(k1), 0.0, 0.0)).distort(uv) for lens, k1, uv in each])  # as before it
+        return lens_covariance(film.cameras, film.lens, bent), []
+    seen = [f for f in audited if f.kind == "distortion" and f.alarm and "k1" in f.numbers]
+    if not seen:
+        return None, []
+    moved = moved_by_lens(film.cameras, uv_px, float(seen[0].numbers["k1"]))
+    far = 1e3 * np.linalg.norm(moved, axis=-1)
+    far = far[np.isfinite(far)]
+    if not len(far):
+        return None, []
+    return moved[..., :, None] * moved[..., None, :], [sentences.lens_left(far)]
 
 
 def _by_likelihood(film: Recording) -> tuple[LikelihoodNoise | None, NDArray[np.bool_], Array]:

@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.over_time import at_frames
+from eal.over_time import OverTime, at_frames
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.calls import check_stated
@@ -28,12 +28,13 @@ from mocap.filters.records import HeldLimb
 from mocap.filters.velocities import Motion
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
+from mocap.io.movies import Movie
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline import sentences
-from mocap.pipeline.parts import Footage, JointPotential, Plane
+from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.variables import (
     VARIABLES,
     Values,
@@ -45,11 +46,31 @@ from mocap.pipeline.variables import (
     with_reasons,
     with_variables,
 )
-from mocap.records import JointAngles, JointTracks, MarkerTracks, PixelTracks
+from mocap.records import JointAngles, JointTracks, MarkerTracks, PixelTracks, Plane
 from mocap.skeleton import Skeleton
 
 WIDE = 0.05
 """A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Footage:
+    """The movie of one camera.
+
+    Attributes:
+        movie: The movie.
+        frames: (T,) its frame, from 0, for each frame of the recording; outside of the movie there is no picture.
+        straight: True where its pixels are ideal ones already: no lens, or undistorted before.
+    """
+
+    movie: Movie
+    frames: OverTime[NDArray[np.int64]]
+    straight: bool
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """(T,) frames of the recording that have a picture."""
+        return (self.frames >= 0) & (self.frames < self.movie.n_frames)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

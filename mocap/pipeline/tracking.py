@@ -36,7 +36,6 @@ from mocap.filters.records import Estimate
 from mocap.filters.score import compared
 from mocap.filters.velocities import Asked, Motion
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moving import jump_cov, motion_of, moved
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.sentences import TOGETHER
@@ -301,9 +300,20 @@ def lasting_cov(recording: Recording) -> Array:
         return np.zeros_like(recording.cov_m2)
     usual = recording.jitter_px * (np.ones(len(recording.names)) if recording.noise is None else recording.noise.marker)
     lasting = np.asarray(recording.data.get("persistent", np.zeros(len(usual))))
-    cov = filled(recording.cov_m2 * lasting_share(lasting, usual, removed_px=recording.bias_px)[:, None, None])
+    cov = _filled(recording.cov_m2 * lasting_share(lasting, usual, removed_px=recording.bias_px)[:, None, None])
     lens = recording.data.get("lens_covariance")
-    return cov if lens is None else cov + filled(lens.values)
+    return cov if lens is None else cov + _filled(lens.values)
+
+
+def _filled(cov_m2: Array) -> Array:
+    """A covariance (T, M, 3, 3) with that of a marker's sample of median variance where it is NaN; 0 without any."""
+    out = cov_m2.copy()
+    variance = np.trace(out, axis1=-2, axis2=-1)
+    for marker in range(out.shape[1]):
+        seen = np.flatnonzero(np.isfinite(variance[:, marker]))
+        order = seen[np.argsort(variance[seen, marker])]  # a median of each entry need not be a covariance
+        out[np.isnan(variance[:, marker]), marker] = out[order[len(order) // 2], marker] if len(order) else 0.0
+    return out
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

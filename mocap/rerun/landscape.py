@@ -7,7 +7,7 @@ from contourpy import contour_generator
 from scipy.ndimage import map_coordinates
 
 from eal.arrays import Array
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.potentials import JointPotential
 from mocap.records import JointTracks
 from mocap.rerun.energy import JointEnergy, joint_energy
 

@@ -12,7 +12,7 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.io.film import pyav
 from mocap.io.movies import FIRST_PIXEL, Movie, straightened, straightening
-from mocap.pipeline.parts import Footage
+from mocap.pipeline.recording import Footage
 from mocap.rerun import paths
 from mocap.rerun.columns import time_columns
 from mocap.rerun.scene import ViewCamera

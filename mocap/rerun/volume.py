@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.potentials import JointPotential
 from mocap.records import JointTracks
 from mocap.rerun.landscape import MM_PER_M
 

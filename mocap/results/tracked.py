@@ -26,7 +26,7 @@ from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.variables import with_motion
 from mocap.plots.joint import plot_coordinates

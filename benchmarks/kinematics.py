@@ -33,7 +33,7 @@ from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.pipeline.demo import measured_demo
-from mocap.pipeline.moving import motion_of
+from mocap.pipeline.motion import motion_of
 from mocap.progress import Stages
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton

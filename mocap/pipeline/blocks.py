@@ -33,7 +33,7 @@ from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import whole_frames
-from mocap.pipeline.moving import motion_of
+from mocap.pipeline.motion import motion_of
 from mocap.pipeline.reading import animal
 from mocap.pipeline.recording import Recording, of_points, with_ideal_pixels
 from mocap.pipeline.sentences import pixel_origin

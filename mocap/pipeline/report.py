@@ -17,7 +17,7 @@ from mocap.filters.models.pose import WEIGHT
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.pipeline import sentences
-from mocap.pipeline.moving import MOVED, moved_report
+from mocap.pipeline.motion import MOVED, moved_report
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.summary import METHODS, method, notes, unit_of

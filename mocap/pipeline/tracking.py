@@ -36,7 +36,7 @@ from mocap.filters.records import Estimate
 from mocap.filters.score import compared
 from mocap.filters.velocities import Asked, Motion
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.moving import jump_cov, motion_of, moved
+from mocap.pipeline.motion import jump_cov, motion_of, moved
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.sentences import TOGETHER
 from mocap.pipeline.variables import with_motion

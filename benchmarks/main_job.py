@@ -15,7 +15,7 @@ from mocap.filters.score import compared
 from mocap.pipeline.demo import Animal, measured_demo
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
-from mocap.stages import Stages
+from mocap.progress import Stages
 
 METHODS = ("mixture", "eal", "eal_no_potential", "constant_velocity", "cubic", "linear")
 

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from eal.arrays import short_repr, unique
-from mocap.documents import from_toml, regular_bytes
-from mocap.encoding import decoded
+from mocap.documents import decoded, from_toml, regular_bytes
 from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
 from mocap.schema import POSITIVE, Entry, Schema, checked, names

@@ -172,21 +172,13 @@ def _share(groups: Sequence[_Rigid]) -> None:
             group.shared |= {name: xyz for name, xyz in down.items() if name not in group.points}
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Above:
-    """The next segment with points that a segment moves on, past helpers without any; what is between moves how."""
-
-    group: _Rigid
-    turns: bool
-    limits: tuple[str, ...]
-
-
-def _above(groups: Sequence[_Rigid], group: _Rigid) -> _Above | None:
+def _above(groups: Sequence[_Rigid], group: _Rigid) -> tuple[_Rigid, bool, tuple[str, ...]] | None:
+    """The next segment with points that a segment moves on, past helpers without any; whether it turns, and how far."""
     turns, limits = group.first.turns, group.first.limits
     while group.parent >= 0:
         group = groups[group.parent]
         if group.seen:
-            return _Above(group=group, turns=turns, limits=limits)
+            return group, turns, limits
         turns, limits = turns or group.first.turns, (*group.first.limits, *limits)
     return None
 
@@ -207,9 +199,9 @@ def _as_skeleton(groups: Sequence[_Rigid], path: Path) -> tuple[dict[str, Any], 
     missing: list[str] = []
     for group in held:
         above = _above(groups, group)
-        if above is None or not above.turns:
+        if above is None or not above[1]:
             continue
-        parent = above.group
+        parent, _, limits = above
         name = group.first.joint if group.name == group.first.name else group.name
         if parent.name in bodies and group.name in bodies:
             joints[name] = (parent.name, group.name)
@@ -217,7 +209,7 @@ def _as_skeleton(groups: Sequence[_Rigid], path: Path) -> tuple[dict[str, Any], 
             joints[name] = ends
         else:
             missing.append(name)
-        comments[f"joint {name}"] = ["; ".join(above.limits)] if above.limits else []
+        comments[f"joint {name}"] = ["; ".join(limits)] if limits else []
     segments: dict[str, Segment] = {}
     said = [f"from {path.name}; the ranges of its joints stand behind them, and limit nothing"]
     for group in groups:

@@ -70,3 +70,21 @@ def _escape(found: re.Match[str]) -> str:
 def with_options(text: str, options: Mapping[str, str]) -> str:
     """A message in which each argument between backquotes is the option that states it, by the argument's name."""
     return re.sub(r"`(\w+)`", lambda found: options.get(found[1], found[0]), text)
+
+
+_MEANS = re.compile(r"[\\`*<>\[\]|~&]|(?<![^\W_])_|_(?![^\W_])")
+"""What begins or ends markup inside a line; an underscore inside a word does not."""
+_BEGINS = re.compile(r"^(\s*)([#+=-]|\d+(?=[.)]))")
+"""What makes a line a heading, an item or a rule."""
+
+
+def plain(text: str) -> str:
+    """Text that Markdown shows as it is, in a line or in the cell of a table."""
+    line = as_text(text).replace("\r", "\\r").replace("\n", "\\n").replace("\t", " ")
+    escaped = _MEANS.sub(lambda found: "\\" + found[0], line)
+    return _BEGINS.sub(_not_a_beginning, escaped)
+
+
+def _not_a_beginning(found: re.Match[str]) -> str:
+    space, first = found[1], found[2]
+    return f"{space}{first}\\" if first.isdigit() else f"{space}\\{first}"

@@ -242,7 +242,7 @@ def test_every_package_is_in_the_table():
         ("eal/a.py", "def f():\n    from mocap.records import Status"),
         ("eal/integrators/a.py", "from ... import mocap"),
         ("datasets/a.py", "import numpy, mocap.filters.track as k"),
-        ("filters/a.py", "import mocap.pipeline.parts"),
+        ("filters/a.py", "import mocap.pipeline.recording"),
         ("filters/a.py", "import importlib\nimportlib.import_module('mocap.datasets.bats')"),
         ("filters/a.py", "import cv2"),
         ("mocap/cli/a.py", "import rerun as rr"),

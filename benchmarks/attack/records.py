@@ -34,7 +34,7 @@ import mocap
 from eal import load_potential
 from eal.archive import ArchiveError
 from mocap.batches.known import RECORD, Record, read_record, write_record
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import KnownLens
 from mocap.cameras.lens import BrownLens
 from mocap.digitising.clicks import Click, read_unseen, write_unseen
 from mocap.errors import MocapError

@@ -37,7 +37,7 @@ Choices:
   the elbow to 4 to 7 %, of the elbow from the shoulder to 6 to 22 %.
 - Blocks of one recording are not independent trials: in ``mouse``, ``snake_gap`` and ``gait`` training knows the same
   animal on the same day. All twins of a set are one animal (same bones) in other motion.
-- ``sd_m`` is estimated from fourth differences in time (``mocap.cleaning.position_noise.position_sd``) over all
+- ``sd_m`` is estimated from fourth differences in time (``mocap.cleaning.clean.position_sd``) over all
   trials of a set, and taken as ``LEAST_SD_M`` where it is less: the mouse of Qualisys seems to be smoothed,
   to 0.003 mm.
 """

@@ -7,8 +7,7 @@ import numpy as np
 
 from benchmarks.gaps.method import Film, Trial
 from eal.arrays import Array
-from mocap.cleaning.clean import clean
-from mocap.cleaning.position_noise import position_sd
+from mocap.cleaning.clean import clean, position_sd
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 

@@ -12,10 +12,10 @@ from mocap.pipeline.demo import Animal, run_demo
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
+from mocap.progress import Stages
 from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
-from mocap.stages import Stages
 from tests.mocap.rerun.headless import Headless
 
 SIZE = (1600, 1000)

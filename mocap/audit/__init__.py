@@ -2,10 +2,8 @@
 
 from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.geometry import fit_findings
-from mocap.audit.jumps import jump_findings
-from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
-from mocap.audit.samples import pixel_findings, point_findings
-from mocap.audit.starts import moved, start_offsets
+from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras, moved, start_offsets
+from mocap.audit.samples import jump_findings, pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, other_world, stale_points
 from mocap.findings import Finding, alarms
 

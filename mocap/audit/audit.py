@@ -6,9 +6,8 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
-from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import offset_findings
-from mocap.audit.samples import pixel_findings, point_findings, sizes
+from mocap.audit.samples import jump_findings, pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap.batches.trial import STATED, Trial, relative, yes
-from mocap.encoding import decoded
+from mocap.documents import decoded
 from mocap.errors import FormatError, MocapError
 
 COLUMNS = ("trial", "path", "animal", "skip", *STATED)

@@ -15,9 +15,8 @@ from mocap.batches.trial import Trial
 from mocap.errors import MocapError, OutputError
 from mocap.io.describe import gaps
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LONG
+from mocap.pipeline.blocks import LONG, long_recording
 from mocap.pipeline.learning import Model, load_model
-from mocap.pipeline.long import long_recording
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
 from mocap.progress import Tell, silent

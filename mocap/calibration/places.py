@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from eal.arrays import Array
 from mocap.calibration.distinct import distinct
 from mocap.calibration.rig import RigCamera, turn, turned_rad
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError
 
 FEWEST_POINTS = 4

@@ -1,7 +1,7 @@
 """Cameras: one 3 x 4 projection each, whether it comes from DLT coefficients or from a pinhole calibration."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -233,3 +233,92 @@ def undistorted(cameras: Sequence[Camera], uv_px: Array, *, iterations: int | No
             for i, c in enumerate(cameras)
         ]
     )
+
+
+SMALL = 0.75
+"""Pixels that span less than this share of the calibrated pictures, in all cameras, may be of cropped ones."""
+
+
+def cropped_camera(camera: Camera, corner_px: Array) -> Camera:
+    """The camera whose picture is a window of another's.
+
+    Its pixels are those of the whole picture less the corner, and so are its principal point and that of its lens; its
+    size is not known.
+
+    Args:
+        camera: Of the whole picture.
+        corner_px: (2,) column and row of the window's upper left corner in it.
+    """
+    x, y = map(float, corner_px)
+    shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+    lens = camera.lens
+    if lens is not None:
+        lens = replace(lens, centre_px=(lens.centre_px[0] - x, lens.centre_px[1] - y))
+    return replace(camera, matrix=shift @ camera.matrix, lens=lens, size_px=None)
+
+
+def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:
+    """A sentence where pixels lie in one corner of the calibrated pictures, in all cameras; None where they do not.
+
+    Cropped films count from the corner of their window: in no camera do pixels come near the far edges. That alone
+    accuses nobody (an animal may stay in a corner); it is said where rays do not meet.
+
+    Args:
+        cameras: The C cameras.
+        uv_px: (C, ..., 2) pixels as recorded.
+    """
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    if not np.isfinite(uv).any():
+        return None
+    reach = np.nanmax(uv.reshape(-1, 2), axis=0)
+    sizes = np.array([picture_size(camera) for camera in cameras])
+    if (reach > SMALL * sizes.min(axis=0)).any():
+        return None
+    width, height = (f"{value:.0f}" for value in np.median(sizes, axis=0))
+    return (
+        f"pixels span {np.ceil(reach[0]):.0f} x {np.ceil(reach[1]):.0f}, the calibration {width} x {height}: cropped? "
+        "give `crop`"
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KnownLens:
+    """A lens, with the covariance of those of its numbers that were fitted.
+
+    The numbers are fx, fy, cx, cy, then the distortion coefficients in OpenCV's order.
+
+    Attributes:
+        name: Of the camera.
+        lens: The lens.
+        size_px: Width and height of its pictures; None: not known.
+        free: (k) places among the numbers of those that were fitted; empty: the lens is taken as exact.
+        cov: (k, k) their covariance.
+    """
+
+    name: str
+    lens: Lens
+    size_px: tuple[int, int] | None = None
+    free: tuple[int, ...] = ()
+    cov: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        object.__setattr__(self, "cov", frozen("cov", self.cov, (len(self.free), len(self.free))))
+
+    @property
+    def numbers(self) -> Array:
+        """(4 + n) fx, fy, cx, cy and the coefficients."""
+        return np.concatenate([self.lens.f_px, self.lens.centre_px, self.lens.coefficients])
+
+    @property
+    def sd(self) -> Array:
+        """(4 + n) standard deviation of each number; 0 of those that were not fitted."""
+        out = np.zeros(len(self.numbers))
+        out[list(self.free)] = np.sqrt(np.diag(self.cov))
+        return out
+
+    def moved(self, step: Array) -> Lens:
+        """The lens with (k,) steps of its fitted numbers."""
+        numbers = self.numbers
+        numbers[list(self.free)] += step
+        return type(self.lens).of(tuple(numbers[:2]), tuple(numbers[2:4]), numbers[4:])

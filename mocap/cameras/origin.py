@@ -14,8 +14,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by_camera, find_arrangement
-from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.cropped import may_be_cropped
+from mocap.cameras.camera import Camera, may_be_cropped, stacked, undistorted
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.errors import CalibrationError
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from eal.arrays import Array, true_runs
-from mocap.cameras.linearised import Fit, Linearised, fit, linearise
+from mocap.cameras.normal_equations import Fit, Linearised, fit, linearise
 from mocap.cameras.triangulate import linear
 
 DOF = 4.0

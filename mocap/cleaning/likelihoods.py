@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import project
-from mocap.cameras.linearised import linearise
+from mocap.cameras.normal_equations import linearise
 from mocap.cameras.triangulate import linear, refine
 
 Mask = NDArray[np.bool_]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
 from mocap.cameras.triangulate import robust
-from mocap.cleaning.likeness import student_log, usual_length
+from mocap.cleaning.marker_paths import student_log, usual_length
 from mocap.cleaning.swapped_rays import agreement
 from mocap.cleaning.swaps import Swap
 

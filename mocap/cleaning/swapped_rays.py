@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import Triangulation, robust
-from mocap.cleaning.likeness import CHANGE, DOF, MARGIN, student_log
+from mocap.cleaning.marker_paths import CHANGE, DOF, MARGIN, student_log
 from mocap.cleaning.swaps import Swap, clearest, exchange
 
 Mask = NDArray[np.bool_]

@@ -13,17 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
-from mocap.cleaning.likeness import (
+from mocap.cleaning.marker_paths import (
     CHANGE,
     MARGIN,
+    STEP,
     BoneLength,
+    belonging,
+    bend_scales,
     bone_lengths,
+    crossing_pairs,
+    jumped,
     pair_evidence,
     steady_pairs,
+    straight_on,
     stretched_pairs,
     student_log,
+    unbroken,
 )
-from mocap.cleaning.marker_paths import STEP, belonging, bend_scales, crossing_pairs, jumped, straight_on, unbroken
 
 Mask = NDArray[np.bool_]
 Bones = NDArray[np.int64]

@@ -52,7 +52,7 @@ def make_data(
     """Make a recording, a calibration session or a pendulum with its truth, as files of the programs people use."""
     from mocap.datasets.catalogue import make
     from mocap.io.manifest import MANIFEST
-    from mocap.stages import Stages
+    from mocap.progress import Stages
 
     with progress() as tell, Stages(tell=tell).stage(name) as share:
         make(name, out, seed=seed, replace=force, progress=share, tell=say)

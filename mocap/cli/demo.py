@@ -30,7 +30,7 @@ def demo(
     from mocap import Tracked, processes
     from mocap.io.output import result_folder
     from mocap.pipeline.demo import run_demo
-    from mocap.stages import Stages
+    from mocap.progress import Stages
 
     with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell, processes(jobs):
         result = Tracked.of(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))

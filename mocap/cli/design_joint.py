@@ -141,8 +141,8 @@ def design_joint(
     from mocap.joint_design.design import design_joint as shape_joint
     from mocap.joint_design.report import readable, report, write_design
     from mocap.joint_design.source import read_source
+    from mocap.progress import Stages
     from mocap.rerun.log_truss import write_truss_recording
-    from mocap.stages import Stages
 
     limits = size.limits(truss)
     found = read_source(source, joint, skeleton)

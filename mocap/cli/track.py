@@ -15,8 +15,8 @@ from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
 
 if TYPE_CHECKING:
+    from mocap.pipeline.blocks import LongRecording
     from mocap.pipeline.learning import Model
-    from mocap.pipeline.long import LongRecording
     from mocap.pipeline.recording import Recording
 
 
@@ -85,9 +85,8 @@ def track(
     import mocap
     from mocap.io.output import result_folder
     from mocap.kinematics.cycles import why_none
-    from mocap.pipeline.blocks import BLOCK
+    from mocap.pipeline.blocks import BLOCK, long_recording
     from mocap.pipeline.job import MODELS, existing_model
-    from mocap.pipeline.long import long_recording
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
     by_range = range_source(tracks, stated, blocks)
@@ -164,8 +163,7 @@ def block_size(recording: "Recording", asked: int | None) -> int:
 def range_source(tracks: list[Path], stated: RecordingOptions, blocks: int | None) -> "LongRecording | None":
     """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
     from mocap.io.tables_long import ParquetPoints
-    from mocap.pipeline.blocks import BLOCK, LONG
-    from mocap.pipeline.long import long_parquet
+    from mocap.pipeline.blocks import BLOCK, LONG, long_parquet
 
     if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
         return None

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras import triangulate
-from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.cropped import cropped_camera
+from mocap.cameras.camera import Camera, cropped_camera, stacked, undistorted
 from mocap.digitising.dots import Grey
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.crop import matched

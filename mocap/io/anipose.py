@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, decompose, pinhole_camera, pinhole_lens
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import Camera, KnownLens, decompose, pinhole_camera, pinhole_lens
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.documents import read_toml
 from mocap.errors import FormatError

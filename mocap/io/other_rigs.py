@@ -17,7 +17,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
-from mocap.encoding import decoded
+from mocap.documents import decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording

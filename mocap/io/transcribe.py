@@ -14,8 +14,7 @@ from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mocap.documents import check_regular
-from mocap.encoding import decoded, is_utf8, is_utf16
+from mocap.documents import check_regular, decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
 from mocap.io.head import LENGTH, Head
 from mocap.io.lines import FRAMES, MISSING_WORDS, one_kind

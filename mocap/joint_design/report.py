@@ -16,7 +16,7 @@ from mocap.joint_design.design import ENERGY, JointDesign
 from mocap.joint_design.drawing import drawing, figure_7_and_9, member_rows, motion, rest_point
 from mocap.joint_design.flexure import MM
 from mocap.joint_design.solid import PLATE_MM, Kit, assembled, keeps_wall, overlaps
-from mocap.markdown import plain
+from mocap.text import plain
 
 DPI = 110
 FINEST_MM = 2e-3

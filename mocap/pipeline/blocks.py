@@ -6,15 +6,17 @@ frames; a block is therefore tracked with a margin in which that has happened (`
 kept. docs/howto/long_recordings.md has what differs from tracking the whole at once.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.errors import MocapError
+from mocap.errors import FormatError, MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.hidden_gaps import EACH_MARKER, Effort
 from mocap.filters.model import LearnedModel, learn_model, renamed
@@ -26,13 +28,15 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked
 from mocap.findings import Finding
+from mocap.io.tables_long import ParquetPoints
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import whole_frames
-from mocap.pipeline.long import LongRecording, Mask
-from mocap.pipeline.moving import motion_of
-from mocap.pipeline.recording import Recording, of_points
-from mocap.pipeline.track_variables import with_joints
+from mocap.pipeline.motion import motion_of
+from mocap.pipeline.reading import animal
+from mocap.pipeline.recording import Recording, of_points, with_ideal_pixels
+from mocap.pipeline.sentences import pixel_origin
 from mocap.pipeline.tracking import (
     Part,
     marker_trial,
@@ -44,9 +48,115 @@ from mocap.pipeline.tracking import (
     with_track,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import marker_tracks
+from mocap.pipeline.variables import with_joints
+from mocap.progress import Stages
+from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.side_by_side import call_all
-from mocap.stages import Stages
+from mocap.skeleton import Skeleton
+from mocap.text import as_text
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LongRecording:
+    """A recording in stretches.
+
+    Attributes:
+        name: Of the recording.
+        skeleton: Its skeleton.
+        names: The M markers, named as in the skeleton.
+        t_s: (T,) times.
+        part: Frames to the recording of them, not cleaned.
+        findings: On how the file was read.
+    """
+
+    name: str
+    skeleton: Skeleton
+    names: tuple[str, ...]
+    t_s: Array
+    part: Callable[[slice], Recording]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.t_s)
+
+    @property
+    def dt_s(self) -> float:
+        """Time step."""
+        return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+    def seen(self, frames: slice) -> Mask:
+        """(n, M) True where a position, or two rays, are given; nothing is cleaned."""
+        part = self.part(frames)
+        seen = part.seen
+        return seen if not part.cameras else seen.sum(axis=0) >= 2
+
+    def cleaned(self, frames: slice) -> Recording:
+        """What ``mocap.clean`` makes of some frames, its findings with their numbers here."""
+        return clean(self.part(frames), first=frames.start)
+
+
+def long_recording(source: Recording) -> LongRecording:
+    """A recording that is in memory, to be tracked in blocks; where pixels are counted from is decided on all of it.
+
+    Raises:
+        MocapError: pixels and calibration do not belong together, or nothing is seen.
+    """
+    findings = source.findings
+    if source.filmed:
+        source = with_ideal_pixels(source)
+        assert source.rows is not None  # it was decided
+        findings = (*source.told, *findings, pixel_origin(source.rows))
+    elif not source.seen.any():
+        raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
+    bare = replace(source, findings=(), stored=None)
+    return LongRecording(
+        name=source.name,
+        skeleton=source.skeleton,
+        names=source.names,
+        t_s=source.t_s,
+        part=bare.at,
+        findings=findings,
+    )
+
+
+def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording:
+    """Positions of a Parquet table that is read by range: the recording never is in memory.
+
+    Args:
+        path: mocap's long table (``mocap.io.parquet_range``); samples that were not measured are left out.
+        skeleton_file: Skeleton TOML; None: none.
+
+    Raises:
+        FormatError: the file is none, or is not sorted.
+        SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
+    """
+    points = ParquetPoints(path)
+    skeleton, names = animal(skeleton_file, points.names)
+
+    def tracks(frames: slice) -> MarkerTracks:
+        found, _ = points.read(frames)
+        measured = found.status == Status.MEASURED
+        return replace(
+            found,
+            names=names,
+            xyz_m=np.where(measured[..., None], found.xyz_m, np.nan),
+            cov_m2=np.where(measured[..., None, None], found.cov_m2, np.nan),
+            status=np.where(measured, found.status, Status.MISSING),
+        )
+
+    name = as_text(path.stem)
+    return LongRecording(
+        name=name,
+        skeleton=skeleton,
+        names=names,
+        t_s=points.t_s,
+        part=lambda frames: of_points(tracks(frames), skeleton, name=name),
+    )
+
 
 BLOCK = 4000
 """Frames of a block."""
@@ -66,17 +176,13 @@ class Known:
     Attributes:
         name: Of the motion model: ``constant_velocity``, ``mixture``, ``learned``.
         why: Why that one.
-        density: (M,) spectral densities of the markers' accelerations.
-        speed_sd_m_s: Standard deviation of a velocity component before anything is seen.
-        extent_m: That of a position.
+        steady: Each marker by constant velocity.
         learned: Model of poses, mixed with constant velocity; None: constant velocity alone.
     """
 
     name: str
     why: str
-    density: Array
-    speed_sd_m_s: float
-    extent_m: float
+    steady: ConstantVelocity
     learned: LearnedModel | None
 
 
@@ -142,14 +248,7 @@ def learn_once(
         learned = None if reason is not None else _mixture(recording, trials, seed)
         name, why = _choice(model, reason, learned)
         learned = learned if name == "mixture" else None
-    return Known(
-        name=name,
-        why=why,
-        density=steady.density,
-        speed_sd_m_s=steady.speed_sd_m_s,
-        extent_m=steady.start_sd_m,
-        learned=learned,
-    )
+    return Known(name=name, why=why, steady=steady, learned=learned)
 
 
 def _mixture(recording: LongRecording, trials: Sequence[MarkerTrial], seed: int) -> LearnedModel | None:
@@ -225,12 +324,7 @@ def _steady(prepared: Recording, part: Part, known: Known, asked: Asked) -> Esti
     """By constant velocity with what is known."""
     xyz = prepared.xyz_m[part.frames][:, part.markers]
     first = xyz[np.isfinite(xyz[..., 0]).argmax(axis=0), np.arange(xyz.shape[1])]
-    motion = ConstantVelocity(
-        start_m=first,
-        start_sd_m=known.extent_m,
-        speed_sd_m_s=known.speed_sd_m_s,
-        density=known.density[part.markers],
-    )
+    motion = replace(known.steady, start_m=first, density=known.steady.density[part.markers])
     return track(prepared, part, FittedMotion(motion, prepared.t_s[part.frames]), asked=asked)
 
 

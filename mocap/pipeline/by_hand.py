@@ -7,9 +7,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap import audit
 from mocap.cameras import triangulate
-from mocap.cleaning.carried import carried, hand_sd
-from mocap.cleaning.persistence import share_left
-from mocap.cleaning.robust_rays import LEAST_PX
+from mocap.cleaning.bias import carried, hand_sd, share_left
+from mocap.cleaning.click_noise import LEAST_PX
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
@@ -51,7 +50,7 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
 
     A placed marker is where its clicks meet: they have the deviation of a person's clicks, and no other ray or motion
     has them rejected. Rays of the same camera and marker in other frames are corrected by what they are expected to
-    share of the error, and known the less for it (``mocap.cleaning.carried``); as far as they are, slow errors, which
+    share of the error, and known the less for it (``mocap.cleaning.bias``); as far as they are, slow errors, which
     were estimated of rays that do not meet, are not taken out.
 
     Args:

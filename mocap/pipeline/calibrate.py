@@ -23,10 +23,10 @@ from mocap.io.csv_table import has_titles, read_table
 from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, read
-from mocap.markdown import plain
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
 from mocap.pipeline.recording import Recording, with_ideal_pixels
 from mocap.records import PixelTracks
+from mocap.text import plain
 
 UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _AXIS = re.compile(r"(?P<axis>[xyz])(?:[ _]*[\[(]?(?P<unit>mm|cm|m)[\])]?)?", re.IGNORECASE)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from mocap.calibration.boards import Board, Corners
 from mocap.calibration.detect import KINDS, BoardViews, Pictures, detect, of_files, pictures_of
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, without_ray
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError
 from mocap.io.movies import FILMS, Movie, open_movie
-from mocap.markdown import plain
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
+from mocap.text import plain
 
 MOST_FRAMES = 80
 """So many frames of a film are searched for the board, evenly spaced."""

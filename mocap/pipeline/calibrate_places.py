@@ -10,16 +10,15 @@ from mocap.calibration.board_rig import UP
 from mocap.calibration.boards import Board
 from mocap.calibration.detect import KINDS, detect, of_files
 from mocap.calibration.places import Place, place_cameras
-from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import Camera, KnownLens, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.anipose import read_lenses
 from mocap.io.clicked import UNITS_M, read_clicks, read_scene
 from mocap.io.registry import as_table, read
-from mocap.markdown import plain
 from mocap.pipeline.calibrate_lenses import board_pictures
 from mocap.pipeline.calibration_files import CalibrationReport, table
+from mocap.text import plain
 
 
 def places_from_points(

@@ -12,7 +12,7 @@ from mocap.errors import FormatError
 from mocap.io.anipose import write_calibration
 from mocap.io.dltdv import write_coefficients
 from mocap.io.profile import write_profile
-from mocap.markdown import plain
+from mocap.text import plain
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,31 +1,30 @@
 """Clean a recording: what a tracker is given, with every sample that is not believed marked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap import audit
+from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
 from mocap.cameras import triangulate
-from mocap.cleaning.bias import lasting_bias, ray_bias
+from mocap.cleaning.bias import lasting_bias, persistent_px, ray_bias
 from mocap.cleaning.camera_health import camera_health, shifted_back
 from mocap.cleaning.clean import clean as cleaned_positions
-from mocap.cleaning.click_noise import click_noise
+from mocap.cleaning.clean import position_sd
+from mocap.cleaning.click_noise import LEAST_PX, click_noise, student_t
 from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
-from mocap.cleaning.persistence import persistent_px
-from mocap.cleaning.position_noise import position_sd
-from mocap.cleaning.robust_rays import LEAST_PX, student_t
 from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
+from mocap.findings import Finding
 from mocap.pipeline import sentences
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.by_hand import with_hand, without_hand
-from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
 from mocap.records import MarkerTracks, Status
@@ -106,8 +105,7 @@ def _film(recording: Recording, first: int) -> Recording:
     film = film.having(ideal=shifted_back(film.ideal_px, health))
     shown, gate = by_pixels(film, worse)
     found = triangulate.robust(film.matrices, film.ideal_px, sd_px=gate, relative=worse)
-    named = _names_put_right(film, found, skeleton, names, worse)
-    film, found, swaps, doubtful, worse = named.film, named.found, named.swaps, named.doubtful, named.relative
+    film, found, swaps, doubtful, ambiguous, worse = _names_put_right(film, found, skeleton, names, worse)
     matrices, ideal = film.matrices, film.ideal_px
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     xyz = np.where(doubtful[..., None], np.nan, found.xyz_m)
@@ -120,7 +118,7 @@ def _film(recording: Recording, first: int) -> Recording:
         )
     lasting = persistent_px(matrices, uv, found.xyz_m, relative=worse)
     audited = audit.audit_filmed(film.cameras, pixels, ideal, rows, first=first)
-    lens_cov, lens = lens_uncertainty(film, audited, uv)
+    lens_cov, lens = _lens_uncertainty(film, audited, uv)
     bias = ray_bias(matrices, uv, dt_s=film.dt_s, relative=worse)
     bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
     uv = uv - bias.bias_px
@@ -134,7 +132,7 @@ def _film(recording: Recording, first: int) -> Recording:
     apart = found.rejected & lost & ~doubtful
     uv = np.where(apart[..., None], ideal - lasting_bias(bias.bias_px, uv), uv)
     unsure = unlikely.any(axis=0) & pointless & ~lost
-    cameras, clicks = [c.name for c in film.cameras], int(named.ambiguous.sum())
+    cameras, clicks = [c.name for c in film.cameras], int(ambiguous.sum())
     rejected = {"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected}
     with_lens = {} if lens_cov is None else {"lens_covariance": lens_cov}
     done = film.having(
@@ -145,7 +143,7 @@ def _film(recording: Recording, first: int) -> Recording:
         believed=uv,
         ray_sd=ray_sd * ratio,
         ray_scale=ray_scale * ratio,
-        ray_rejected=found.rejected | unlikely | named.ambiguous,
+        ray_rejected=found.rejected | unlikely | ambiguous,
         residual=found.residual_px,
         most_speed=cleaning.max_speed_m_s,
         persistent=lasting,
@@ -183,6 +181,33 @@ def _film(recording: Recording, first: int) -> Recording:
             *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
         ),
     )
+
+
+def _lens_uncertainty(film: Recording, audited: list[Finding], uv_px: Array) -> tuple[Array | None, list[Finding]]:
+    """(T, M, 3, 3) covariance of points, and findings; None where lenses are given, or nothing speaks of one.
+
+    Of a lens that was estimated it follows from the covariance of its coefficients. One that the audit sees and nobody
+    corrected moves each point by d: it is counted as an error with the covariance d d^T, which no frame averages out.
+
+    Args:
+        film: With ideal pixels.
+        audited: Findings, from which those of a lens are removed once it was estimated.
+        uv_px: (C, T, M, 2) believed ideal pixels.
+    """
+    if film.lens is not None:
+        audited[:] = [f for f in audited if not (f.kind == "distortion" and f.alarm)]
+        each = zip(film.lens.lenses, film.lens.k1, uv_px, strict=True)
+        bent = np.stack([replace(lens, k=(float(k1), 0.0, 0.0)).distort(uv) for lens, k1, uv in each])  # as before it
+        return lens_covariance(film.cameras, film.lens, bent), []
+    seen = [f for f in audited if f.kind == "distortion" and f.alarm and "k1" in f.numbers]
+    if not seen:
+        return None, []
+    moved = moved_by_lens(film.cameras, uv_px, float(seen[0].numbers["k1"]))
+    far = 1e3 * np.linalg.norm(moved, axis=-1)
+    far = far[np.isfinite(far)]
+    if not len(far):
+        return None, []
+    return moved[..., :, None] * moved[..., None, :], [sentences.lens_left(far)]
 
 
 def _by_likelihood(film: Recording) -> tuple[LikelihoodNoise | None, NDArray[np.bool_], Array]:
@@ -240,34 +265,17 @@ def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
     return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Named:
-    """Pixels and points with exchanged names undone.
-
-    Attributes:
-        film: The pixels; without ambiguous ones.
-        found: The points.
-        swaps: Runs of frames that were undone.
-        doubtful: (T, M) samples that may be of either of two markers.
-        ambiguous: (C, T, M) clicks that may be of either of two markers.
-        relative: (C, T, M) deviations of rays, exchanged as the rays are.
-    """
-
-    film: Recording
-    found: triangulate.Triangulation
-    swaps: tuple[Swap, ...]
-    doubtful: NDArray[np.bool_]
-    ambiguous: NDArray[np.bool_]
-    relative: Array
-
-
 def _names_put_right(
     film: Recording, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
-) -> _Named:
+) -> tuple[Recording, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_], NDArray[np.bool_], Array]:
     """Undo exchanges of names in single cameras, then in all.
 
     Up to ``CAMERAS`` cameras a single ray says little: there exchanges are proposals, of which a model of all cameras'
     states decides.
+
+    Returns:
+        The pixels without ambiguous ones; their points; runs of frames that were undone; (T, M) samples and (C, T, M)
+        clicks that may be of either of two markers; and the deviations of rays, exchanged as the rays are.
     """
     matrices, uv = film.matrices, film.ideal_px
     rays = exchanged_rays(matrices, uv, found, relative=relative)
@@ -297,11 +305,5 @@ def _names_put_right(
             residual_px=exchange(found.residual_px, swaps),
             rejected=exchange_rays(found.rejected, swaps),
         )
-    return _Named(
-        film=film.having(ideal=uv),
-        found=found,
-        swaps=(*rays, *swaps),
-        doubtful=(points.unsure & ~film.edited) | (exchange(doubtful.astype(float), swaps) > 0),
-        ambiguous=ambiguous,
-        relative=relative,
-    )
+    doubtful = (points.unsure & ~film.edited) | (exchange(doubtful.astype(float), swaps) > 0)
+    return film.having(ideal=uv), found, (*rays, *swaps), doubtful, ambiguous, relative

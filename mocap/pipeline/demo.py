@@ -18,7 +18,7 @@ from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
 from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
-from mocap.stages import Stages
+from mocap.progress import Stages
 
 Animal = Literal["bat", "lizard"]
 

@@ -23,7 +23,6 @@ from mocap.filters.records import Estimate
 from mocap.filters.score import Score
 from mocap.filters.size import size_factor
 from mocap.filters.velocities import Asked
-from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
@@ -31,7 +30,6 @@ from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
-from mocap.pipeline.track_variables import with_angles, with_joints, with_limbs
 from mocap.pipeline.tracking import (
     Part,
     learn_motion,
@@ -46,8 +44,10 @@ from mocap.pipeline.tracking import (
     with_track,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
+from mocap.pipeline.variables import with_angles, with_joints, with_limbs
+from mocap.progress import Stages
+from mocap.records import JointAngles, angle_names
 from mocap.side_by_side import call_all
-from mocap.stages import Stages
 from mocap.text import as_text
 
 Watch = Callable[[Recording, Part, MotionModel], None]

@@ -15,7 +15,6 @@ from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
 from mocap.io.output import result_file
 from mocap.io.unstated_unit import UNIT
-from mocap.markdown import plain
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.model_file import load_model as read_model
@@ -24,7 +23,7 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
-from mocap.text import number_of
+from mocap.text import number_of, plain
 
 MOST_FRAMES = 20_000
 """Of all recordings together: no more teaches anything that could be measured (docs/experiments/batch_cost.md), and

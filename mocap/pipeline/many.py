@@ -10,8 +10,7 @@ from eal.arrays import Array
 from eal.potential import EmpiricalPotential
 from eal.sums import Landmarks, PotentialSums, choose_landmarks, sums_of, total
 from mocap.errors import MocapError
-from mocap.pipeline.parts import JointPotential
-from mocap.pipeline.potentials import FEWEST, FRAME, NAMES, settings
+from mocap.pipeline.potentials import FEWEST, FRAME, NAMES, JointPotential, settings
 
 SKETCH = 40
 """Samples of a joint and trial from which scale and kernel are chosen, for all trials together."""

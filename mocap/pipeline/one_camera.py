@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from mocap.cameras.origin import PixelOrigin, image_heights
-from mocap.cleaning.robust_rays import LEAST_PX
+from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
 from mocap.filters.moving import asked_of

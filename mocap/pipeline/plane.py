@@ -5,9 +5,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.findings import Finding
 from mocap.pipeline import sentences
-from mocap.pipeline.parts import Plane
 from mocap.pipeline.recording import Recording
-from mocap.records import MarkerTracks, marker_tracks
+from mocap.records import MarkerTracks, Plane, marker_tracks
 from mocap.skeleton import Measures
 
 LEAST_LIKELIHOOD = 0.6

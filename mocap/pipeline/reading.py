@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from eal.arrays import unique
+from mocap.calls import check_rate, check_stated
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.cameras.origin import PixelCorner
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
@@ -30,7 +31,6 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.variables import dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.skeleton import Skeleton, is_model, read_skeleton
-from mocap.stated import check_rate, check_stated
 from mocap.text import as_text, with_options
 
 PathText = str | PathLike[str]

@@ -13,9 +13,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.over_time import at_frames
+from eal.over_time import OverTime, at_frames
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
+from mocap.calls import check_stated
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.cleaning.camera_health import BadTime
@@ -27,21 +28,49 @@ from mocap.filters.records import HeldLimb
 from mocap.filters.velocities import Motion
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
+from mocap.io.movies import Movie
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
-from mocap.joint_angles import JointAngles
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline import sentences
-from mocap.pipeline.parts import Footage, JointPotential, Plane
-from mocap.pipeline.track_variables import angles_of_data, joints_of_data, limbs_of_data, motion_of_data
-from mocap.pipeline.variables import VARIABLES, Values, dataset, with_reasons, with_variables
-from mocap.records import JointTracks, MarkerTracks, PixelTracks
+from mocap.pipeline.potentials import JointPotential
+from mocap.pipeline.variables import (
+    VARIABLES,
+    Values,
+    angles_of_data,
+    dataset,
+    joints_of_data,
+    limbs_of_data,
+    motion_of_data,
+    with_reasons,
+    with_variables,
+)
+from mocap.records import JointAngles, JointTracks, MarkerTracks, PixelTracks, Plane
 from mocap.skeleton import Skeleton
-from mocap.stated import check_stated
 
 WIDE = 0.05
 """A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Footage:
+    """The movie of one camera.
+
+    Attributes:
+        movie: The movie.
+        frames: (T,) its frame, from 0, for each frame of the recording; outside of the movie there is no picture.
+        straight: True where its pixels are ideal ones already: no lens, or undistorted before.
+    """
+
+    movie: Movie
+    frames: OverTime[NDArray[np.int64]]
+    straight: bool
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """(T,) frames of the recording that have a picture."""
+        return (self.frames >= 0) & (self.frames < self.movie.n_frames)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -294,24 +323,9 @@ class Recording:
         return self.data["residual"].values if "residual" in self.data else np.full(self.xyz_m.shape[:2], np.nan)
 
     @property
-    def persistent_px(self) -> Array:
-        """(M,) standard deviation of a pixel coordinate of errors that no filter averages out."""
-        return self.data["persistent"].values if "persistent" in self.data else np.zeros(self.data.sizes["keypoint"])
-
-    @property
     def max_speed_m_s(self) -> Array:
         """(M,) speed limits that jumps were judged by."""
         return self.values("most_speed")
-
-    @property
-    def camera_factor(self) -> Array:
-        """(C, T) 1 or more: how much worse a camera is than in its good time (``mocap.cleaning.camera_health``)."""
-        return self.values("camera_factor")
-
-    @property
-    def lens_cov_m2(self) -> Array | None:
-        """(T, M, 3, 3) covariance of positions from a lens that was estimated or is not corrected; None: known."""
-        return self.data["lens_covariance"].values if "lens_covariance" in self.data else None
 
     @property
     def rejected(self) -> dict[str, NDArray[np.bool_]]:
@@ -403,14 +417,6 @@ class Recording:
         none = np.zeros((sizes.get("view", 0), sizes["time"], sizes["keypoint"]), dtype=bool)
         return self.data["by_hand"].values if "by_hand" in self.data else none
 
-    @property
-    def camera_sd_px(self) -> Array:
-        """(C,) standard deviation of a coordinate that informs as much as the mean ray of each camera; NaN: no ray."""
-        seen = np.isfinite(self.uv_px[..., 0])
-        total = np.where(seen, 1 / self.ray_sd_px**2, 0.0).sum(axis=(1, 2))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
-
     def having(self, *, rejected: Mapping[str, NDArray[np.bool_]] | None = None, **values: Values) -> "Recording":
         """The same with some variables, new or in place of others (``mocap.pipeline.variables``).
 
@@ -480,10 +486,6 @@ class Recording:
     def without_needless_calibration(self) -> "Recording":
         """The same, without the calibration where it holds positions and no pixels."""
         return self if "pixels" in self.data else replace(self, calibration=None, cameras=())
-
-    def in_unit(self, unit: str) -> "Recording":
-        """The same with cameras in this unit, which nobody states."""
-        return replace(self, unit=unit, cameras=scaled(self.cameras, UNIT_M[unit]))
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
@@ -563,7 +565,7 @@ def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, fi
         return found
     unit, said = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
     if unit != "m":
-        recording = recording.in_unit(unit)
+        recording = replace(recording, unit=unit, cameras=scaled(recording.cameras, UNIT_M[unit]))
         found = _undistorted(recording, _pixels_of(recording), iterations)
     return replace(found, told=(*said, *found.told))
 

@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
 
 from eal.arrays import Array
 from eal.potential import USUAL_LAMBDA, USUAL_WIDTH
+from mocap.cameras.camera import project
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
@@ -16,16 +17,14 @@ from mocap.filters.models.pose import WEIGHT
 from mocap.filters.score import Score
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
-from mocap.markdown import plain
 from mocap.pipeline import sentences
-from mocap.pipeline.moved import MOVED, moved_report
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.motion import MOVED, moved_report
+from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
 from mocap.pipeline.tracking import Part, lasting_cov
 from mocap.records import Status
-from mocap.text import number_of
+from mocap.text import number_of, plain
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
@@ -46,7 +45,8 @@ def make_report(
     Of one film without a scale, keys that name millimetres name pixels. ``validation`` has, by method, how gaps that
     were hidden are filled.
     """
-    found = [*recording.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
+    consistency, away = _consistency(tracked), moved_report(recording, tracked.tracks)
+    found = [*recording.findings, *sentences.too_narrow(consistency["nis_per_row"])]
     if not potentials and recording.plane is None and (recording.skeleton.joints or not recording.skeleton.body_joints):
         found.append(sentences.no_joints(recording.skeleton))
     origin = tracked.tracks.status
@@ -54,13 +54,15 @@ def make_report(
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
     late = recording.late_frames
+    alike = tracked.tracks.cov_m2 - lasting_cov(recording)  # without errors that last
+    repeated = np.sqrt(np.maximum(np.trace(alike, axis1=-2, axis2=-1) / 3, 0.0))
     report = {
         "name": recording.name,
         "frames": n_frames,
         "fps": float(1 / recording.dt_s),
         "tracked_frames": [part.frames.start + 1, part.frames.stop],
         "markers": list(recording.names),
-        "cameras": [] if not recording.cameras else [c.name for c in recording.cameras],
+        "cameras": [c.name for c in recording.cameras],
         "late_frames": None if late is None else [float(one) for one in late],
         "skeleton": recording.skeleton.name,
         "model": {
@@ -76,9 +78,9 @@ def make_report(
         "sd_mm": {
             "measured": _quantiles(1e3 * tracked.tracks.sd_m[origin == Status.MEASURED]),
             "filled": _quantiles(1e3 * tracked.tracks.sd_m[origin == Status.SMOOTHED]),
-            "repeatability": _quantiles(1e3 * _repeatability_m(recording, tracked)[origin == Status.MEASURED]),
+            "repeatability": _quantiles(1e3 * repeated[origin == Status.MEASURED]),
         },
-        "moved": moved_report(recording, tracked.tracks),
+        "moved": away,
         "residual_px": _quantiles(recording.residual_px),
         "residual_px_by_camera": residuals_by_camera(recording),
         "pixel_noise_px": {"jitter": _number(recording.jitter_px), "slow": recording.bias_px},
@@ -86,9 +88,9 @@ def make_report(
         "rejected": {
             "counts": {
                 **{reason: int(mask.sum()) for reason, mask in recording.rejected.items()},
-                "moved": _moved_far(recording, tracked),
+                "moved": away["beyond_3_sd"],
                 "rays": int(recording.rays_rejected.sum()),
-                "gated_rays": _gated(recording, tracked),
+                "gated_rays": int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()),
             },
             "reasons": {
                 **REASONS,
@@ -96,7 +98,11 @@ def make_report(
                 **MOVED,
                 "rays": "single-camera observations left out of a point that the other cameras still determine",
             },
-            "samples": _rejected_samples(recording),
+            "samples": [
+                {"frame": int(t) + 1, "marker": recording.names[m], "reason": reason}
+                for reason, mask in recording.rejected.items()
+                for t, m in np.argwhere(mask)
+            ],
         },
         "bad_cameras": _bad_cameras(recording),
         "repaired": {
@@ -110,7 +116,7 @@ def make_report(
         },
         "audit": [finding.as_json() for finding in recording.audited],
         "stale_points": None if recording.stale is None else [vars(s) for s in recording.stale],
-        "innovation": _consistency(tracked),
+        "innovation": consistency,
         "log_likelihood": float(tracked.log_likelihood.sum()),
         "validation": {
             "hidden_samples": max((one.samples for one in validation.values()), default=0),
@@ -140,13 +146,6 @@ def _in(unit: str, value: Any) -> Any:
     return [_in(unit, one) for one in value] if isinstance(value, list) else value
 
 
-_RAYS = {
-    "rays": "single-camera observations left out of a point that the other cameras still determine",
-    "gated_rays": "single-camera observations too far from where the filter predicted them",
-}
-"""Single-camera observations that were not used, by the key of their count among the rejected."""
-
-
 def _quantiles(values: Array) -> dict[str, float | None]:
     known = values[np.isfinite(values)]
     return {f"{100 * q:g}%": float(np.quantile(known, q)) if known.size else None for q in QUANTILES}
@@ -156,37 +155,16 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _gated(recording: Recording, tracked: Recording) -> int:
-    """Single-camera observations that the filter rejected."""
-    return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(recording.uv_px) else 0
-
-
-def _moved_far(recording: Recording, tracked: Recording) -> int:
-    """Samples that the track lies too far from to be called measured."""
-    return int(cast(int, moved_report(recording, tracked.tracks)["beyond_3_sd"]))
-
-
-def _repeatability_m(recording: Recording, tracked: Recording) -> Array:
-    """(T, M) standard deviation of a coordinate without errors that last."""
-    cov = tracked.tracks.cov_m2 - lasting_cov(recording)
-    return np.sqrt(np.maximum(np.trace(cov, axis1=-2, axis2=-1) / 3, 0.0))
-
-
-def _rejected_samples(recording: Recording) -> list[dict[str, object]]:
-    return [
-        {"frame": int(t) + 1, "marker": recording.names[m], "reason": reason}
-        for reason, mask in recording.rejected.items()
-        for t, m in np.argwhere(mask)
-    ]
-
-
 def _noise(recording: Recording) -> dict[str, object]:
     """Noise of each camera and its degrees of freedom, and the noise of each marker relative to a typical one."""
     if not recording.cameras or recording.noise is None:
         return {"sd_px": {}, "dof": {}, "marker_scale": {}}
-    cameras = [camera.name for camera in recording.cameras]
+    cameras, seen = [camera.name for camera in recording.cameras], np.isfinite(recording.uv_px[..., 0])
+    total = np.where(seen, 1 / recording.ray_sd_px**2, 0.0).sum(axis=(1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):  # that informs as much as the mean ray of each camera
+        sd = np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
     return {
-        "sd_px": dict(zip(cameras, map(_number, recording.camera_sd_px), strict=True)),
+        "sd_px": dict(zip(cameras, map(_number, sd), strict=True)),
         "dof": dict(zip(cameras, map(_number, recording.noise.dof), strict=True)),
         "marker_scale": dict(zip(recording.names, map(_number, recording.noise.marker), strict=True)),
     }
@@ -194,7 +172,7 @@ def _noise(recording: Recording) -> dict[str, object]:
 
 def _bad_cameras(recording: Recording) -> list[dict[str, object]]:
     """Runs of frames, from 1, in which a camera had clearly larger errors than usual."""
-    cameras = [] if not recording.cameras else [c.name for c in recording.cameras]
+    cameras = [c.name for c in recording.cameras]
     return [
         {
             "camera": cameras[bad.camera],
@@ -210,7 +188,7 @@ def _bad_cameras(recording: Recording) -> list[dict[str, object]]:
 
 def _exchanged(recording: Recording) -> list[dict[str, object]]:
     """Runs of identity switches, frames from 1; without a camera the names were swapped in all cameras."""
-    cameras = [] if not recording.cameras else [c.name for c in recording.cameras]
+    cameras = [c.name for c in recording.cameras]
     return [
         {
             "markers": [recording.names[swap.a], recording.names[swap.b]],
@@ -247,7 +225,7 @@ def _joint(potential: JointPotential) -> dict[str, object]:
         **{name: getattr(potential.choice, name, None) for name in ("metric", "width", "weight", "log_likelihood")},
         "effective_rank": v.effective_rank,
         "v_at_samples_median": float(np.median(at_samples)),
-        "range_mm": [[float(1e3 * x) for x in (lo, hi)] for lo, hi in zip(*_range(potential.samples_m), strict=True)],
+        "range_mm": [[float(1e3 * axis.min()), float(1e3 * axis.max())] for axis in potential.samples_m.T],
         "findings": list(v.findings),
     }
 
@@ -286,10 +264,6 @@ def _articulation_lines(found: Mapping) -> list[str]:
             f"{joint['length_mm']:.1f} | {joint['length_varies']:.1%} |"
         )
     return [*lines, "", *(f"- {plain(sentence)}" for sentence in found["undetermined"])]
-
-
-def _range(samples: Array) -> tuple[Array, Array]:
-    return samples.min(axis=0), samples.max(axis=0)
 
 
 def readable(report: Mapping, *, title: str) -> str:
@@ -357,9 +331,9 @@ def readable(report: Mapping, *, title: str) -> str:
             f"- mean squared prediction error {nis['nis_per_row']:.2f} times what the filter expects (1: consistent; "
             "above 1: its intervals are too narrow)"
         )
-    reasons = report["rejected"]["reasons"]
+    gated = {"gated_rays": "single-camera observations too far from where the filter predicted them"}
     lines += [
-        f"- rejected samples: {_counted(rejected, {**reasons, **_RAYS})}",
+        f"- rejected samples: {_counted(rejected, report['rejected']['reasons'] | gated)}",
         f"- repaired samples: {_counted(report['repaired']['counts'], report['repaired']['reasons'])}",
     ]
     wrong = report["wrong"]
@@ -450,3 +424,55 @@ def _gap_lines(title: str, methods: Mapping | None, unit: str) -> list[str]:
         lines.append(f"| {plain(method(name))} | {rmse} | {coverage} | {z} |")
     told = "; ".join(f"{METHODS[name][0]}, {METHODS[name][1]}" for name in methods if name in METHODS)
     return [*lines, "", *([f"Methods: {told}.", ""] if told else [])]
+
+
+MOST_ROWS = 60
+
+
+def residuals_by_camera(recording: Recording) -> dict[str, dict[str, float | None]]:
+    """Median distance in pixels from clicks to where their triangulated points project, by camera and by marker.
+
+    Args:
+        recording: A recording; without cameras the result is empty.
+
+    Returns:
+        For each camera its markers, and under ``all`` all of them; None where no believed point is seen.
+    """
+    if not recording.cameras:
+        return {}
+    seen_at = project(recording.matrices, recording.xyz_m)
+    off = np.linalg.norm(seen_at - recording.ideal_px, axis=-1)
+    found = {}
+    for camera, errors in zip(recording.cameras, off, strict=True):
+        columns = {name: errors[:, m] for m, name in enumerate(recording.names)}
+        found[camera.name] = {
+            name: float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else None
+            for name, values in {"all": errors.ravel(), **columns}.items()
+        }
+    return found
+
+
+def residual_lines(residuals: Mapping[str, Mapping[str, float | None]]) -> list[str]:
+    """The table as markdown: a row a marker, a column a camera; of many markers those that miss most."""
+    if not residuals:
+        return []
+    cameras = list(residuals)
+    markers = [name for name in residuals[cameras[0]] if name != "all"]
+    largest = {m: max((residuals[c][m] or 0.0) for c in cameras) for m in markers}
+    markers = sorted(markers, key=lambda m: -largest[m])[:MOST_ROWS]
+
+    def row(title: str, name: str) -> str:
+        cells = ("-" if (v := residuals[c][name]) is None else f"{v:.2f}" for c in cameras)
+        return f"| {title} | " + " | ".join(cells) + " |"
+
+    return [
+        "## Reprojection errors by camera and marker",
+        "",
+        "Median distance in px from the clicks to where their point projects; markers with the largest first.",
+        "",
+        "| marker | " + " | ".join(map(plain, cameras)) + " |",
+        "|---" * (len(cameras) + 1) + "|",
+        row("**all**", "all"),
+        *(row(plain(m), m) for m in markers),
+        "",
+    ]

@@ -18,7 +18,7 @@ from mocap.cleaning.clean import REASONS
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
 from mocap.cleaning.swaps import DOUBTFUL, Swap
 from mocap.findings import MOST, Finding
-from mocap.pipeline.parts import Plane
+from mocap.records import Plane
 from mocap.skeleton import Skeleton
 
 TOGETHER = 0.6

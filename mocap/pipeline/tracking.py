@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import project
-from mocap.cleaning.persistence import lasting_share
+from mocap.cleaning.bias import lasting_share
 from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
@@ -22,13 +22,10 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked, Motion
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.jumped import jump_cov
-from mocap.pipeline.lens_effect import filled
-from mocap.pipeline.moved import moved
-from mocap.pipeline.moving import motion_of
+from mocap.pipeline.motion import jump_cov, motion_of, moved
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.sentences import TOGETHER
-from mocap.pipeline.track_variables import with_motion
+from mocap.pipeline.variables import with_motion
 from mocap.records import Status
 from mocap.side_by_side import call_all
 
@@ -249,11 +246,24 @@ def lasting_cov(recording: Recording) -> Array:
     """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
-    (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
+    (``mocap.cleaning.bias``), and that of a lens which was estimated or is not corrected; where a marker is not
     seen, that of the sample of median variance.
     """
     if not recording.cameras:
         return np.zeros_like(recording.cov_m2)
     usual = recording.jitter_px * (np.ones(len(recording.names)) if recording.noise is None else recording.noise.marker)
-    cov = recording.cov_m2 * lasting_share(recording.persistent_px, usual, removed_px=recording.bias_px)[:, None, None]
-    return filled(cov) if recording.lens_cov_m2 is None else filled(cov) + filled(recording.lens_cov_m2)
+    lasting = np.asarray(recording.data.get("persistent", np.zeros(len(usual))))
+    cov = _filled(recording.cov_m2 * lasting_share(lasting, usual, removed_px=recording.bias_px)[:, None, None])
+    lens = recording.data.get("lens_covariance")
+    return cov if lens is None else cov + _filled(lens.values)
+
+
+def _filled(cov_m2: Array) -> Array:
+    """A covariance (T, M, 3, 3) with that of a marker's sample of median variance where it is NaN; 0 without any."""
+    out = cov_m2.copy()
+    variance = np.trace(out, axis1=-2, axis2=-1)
+    for marker in range(out.shape[1]):
+        seen = np.flatnonzero(np.isfinite(variance[:, marker]))
+        order = seen[np.argsort(variance[seen, marker])]  # a median of each entry need not be a covariance
+        out[np.isnan(variance[:, marker]), marker] = out[order[len(order) // 2], marker] if len(order) else 0.0
+    return out

@@ -14,8 +14,7 @@ from mocap.io.dvproject import read_project
 from mocap.io.format import Hints
 from mocap.io.movies import PICTURES, Movie, by_number, open_movie
 from mocap.io.registry import by_name, read_as
-from mocap.pipeline.parts import Footage
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.recording import Footage, Recording
 
 
 def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:

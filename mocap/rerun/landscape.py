@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 
 from eal.arrays import Array
 from eal.bounds import theorem3
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.potentials import JointPotential
 from mocap.records import JointTracks
 
 GRID, CUBES = 80, 20

@@ -11,7 +11,7 @@ import rerun as rr
 from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.io.movies import FIRST_PIXEL, Movie, pyav, straightened, straightening
-from mocap.pipeline.parts import Footage
+from mocap.pipeline.recording import Footage
 from mocap.rerun import paths
 from mocap.rerun.columns import log_over_time
 from mocap.rerun.scene import ViewCamera

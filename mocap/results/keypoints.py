@@ -7,7 +7,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked
-from mocap.cameras.linearised import linearise
+from mocap.cameras.normal_equations import linearise
 from mocap.cameras.origin import flipped
 from mocap.errors import MocapError
 from mocap.io.contents import FileContents

@@ -17,24 +17,20 @@ from mocap.io.unstated_unit import length
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles, footfalls
-from mocap.markdown import plain
-from mocap.pipeline.blocks import BLOCK, Known, Model, learn_once, tracked_blocks
+from mocap.pipeline.blocks import BLOCK, Known, LongRecording, Model, learn_once, tracked_blocks
 from mocap.pipeline.job import JOINT_HZ
-from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording, of_points
-from mocap.pipeline.track_variables import with_joints, with_motion
 from mocap.pipeline.tracking import tracks_alone
-from mocap.pipeline.variables import VARIABLES
+from mocap.pipeline.variables import VARIABLES, with_joints, with_motion
 from mocap.plots.page import write_page
-from mocap.progress import Tell, silent
+from mocap.progress import Stages, Tell, silent
 from mocap.records import MarkerTracks, Status
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_recording, write_arrays
 from mocap.results.tables import write_report
-from mocap.stages import Stages
-from mocap.text import number_of
+from mocap.text import number_of, plain
 
 _SHOWN = ("position", "covariance", "status", "ideal")
 """Variables that an overview has beside those of tracking."""
@@ -61,7 +57,7 @@ def write_in_blocks(
     ``DETAIL`` frames of which most was measured. Memory hardly grows with the number of frames (rows of cycles).
 
     Args:
-        recording: The recording (``mocap.pipeline.long``).
+        recording: The recording (``mocap.pipeline.blocks``).
         folder: Where to.
         model: ``auto``, ``mixture`` or ``constant_velocity``.
         learned: A model of other trials to track with, in place of these; None: none.

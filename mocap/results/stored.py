@@ -17,7 +17,7 @@ from mocap.errors import FormatError, beside
 from mocap.findings import Finding
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.joints import FRAMES
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.variables import SIZES, VARIABLES, entry_of, with_variables
 from mocap.results.dataset import markers_dataset

@@ -26,12 +26,12 @@ from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.track_variables import with_motion
+from mocap.pipeline.variables import with_motion
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
-from mocap.progress import Tell, bars, silent
+from mocap.progress import Stages, Tell, bars, silent
 from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset, plane_dataset
@@ -41,7 +41,6 @@ from mocap.results.stored import read_recording
 from mocap.results.tables import write_cycles, write_kinematics, write_plane, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
-from mocap.stages import Stages
 from mocap.text import number_of
 
 if TYPE_CHECKING:

@@ -20,11 +20,10 @@ from scipy.spatial.transform import Rotation
 
 from docs.tools.columns import undocumented
 from mocap.errors import MocapError
-from mocap.joint_angles import PARTS
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import of_points
-from mocap.records import MarkerTracks, Status
+from mocap.records import PARTS, MarkerTracks, Status
 from mocap.results.stored import read_recording
 from mocap.results.tables import write_run
 from mocap.skeleton import skeleton_text

@@ -13,8 +13,7 @@ from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, over_blocks
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
-from mocap.pipeline.long import LongRecording, long_recording
+from mocap.pipeline.blocks import LEAST, MOST, LongRecording, blocks_of, learn_once, long_recording, margin, track_block
 from mocap.pipeline.recording import of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording

@@ -6,7 +6,7 @@ import pytest
 import mocap
 from mocap.cameras.camera import record
 from mocap.cameras.triangulate import robust
-from mocap.cleaning.carried import carried, hand_sd
+from mocap.cleaning.bias import carried, hand_sd
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.edits import Edit, edited
 from mocap.pipeline.recording import of_pixels

@@ -16,8 +16,7 @@ from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Corners
 from mocap.calibration.intrinsics import fit_intrinsics
 from mocap.calibration.places import place_camera, place_cameras
-from mocap.cameras.camera import decompose, pinhole_camera, record
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import KnownLens, decompose, pinhole_camera, record
 from mocap.cameras.lens import BrownLens
 from mocap.cli.main import main
 from mocap.errors import CalibrationError, FormatError

@@ -9,8 +9,7 @@ from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.places import place_camera
 from mocap.calibration.refine import refine_cameras
 from mocap.calibration.wand import calibrate_wand
-from mocap.cameras.camera import check_cameras, dlt_camera, project, record, stacked
-from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.camera import KnownLens, check_cameras, dlt_camera, project, record, stacked
 from mocap.errors import CalibrationError
 from mocap.io.format import Hints
 from tests.mocap.board_scenes import SIZE, rig

@@ -5,8 +5,7 @@ import pytest
 from mocap.datasets import make_bat
 from mocap.datasets.bats import bat_motion
 
-from mocap.audit.offsets import offset_findings
-from mocap.audit.starts import moved, start_offsets
+from mocap.audit.offsets import moved, offset_findings, start_offsets
 from mocap.cameras.camera import project, stacked
 from mocap.errors import CalibrationError
 from mocap.pipeline.recording import of_pixels, with_ideal_pixels

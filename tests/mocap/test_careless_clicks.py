@@ -6,7 +6,7 @@ from mocap.datasets import PERFECT, make_bat
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, refine
-from mocap.cleaning.robust_rays import DOF, student_t
+from mocap.cleaning.click_noise import DOF, student_t
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,7 @@ from mocap.datasets import PERFECT, make_bat
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear
-from mocap.cleaning.click_noise import DOFS, USUAL_DOF, click_noise
-from mocap.cleaning.robust_rays import student_t
+from mocap.cleaning.click_noise import DOFS, USUAL_DOF, click_noise, student_t
 
 CAMERA = np.array([1.0, 2.0, 0.7, 1.0, 1.5, 1.0, 1.0, 0.8])
 DOF = np.array([4.0, 3.0, 10.0, 3.0, 30.0, 4.0, 4.0, 4.0])

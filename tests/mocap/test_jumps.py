@@ -12,7 +12,7 @@ from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import StatedOrigin, decide_origin
 from mocap.io.contents import FileContents
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.jumped import jump_cov
+from mocap.pipeline.motion import jump_cov
 from mocap.pipeline.recording import of_points
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton

@@ -8,8 +8,7 @@ import mocap
 from eal import fit_potential
 from eal.sums import total
 from mocap.errors import MocapError
-from mocap.pipeline.blocks import learn_once, track_block
-from mocap.pipeline.long import long_recording
+from mocap.pipeline.blocks import learn_once, long_recording, track_block
 from mocap.pipeline.many import learn_joints
 from mocap.pipeline.recording import of_points
 from mocap.records import marker_tracks

@@ -10,12 +10,12 @@ from mocap.datasets import make_bat, write_recording
 from mocap.filters.models.registry import NAMED
 
 from mocap.findings import readings
-from mocap.markdown import plain
 from mocap.pipeline.calibration_files import table
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
+from mocap.text import plain
 
 HOSTILE = (
     "a|b", "`rm`", "<img src=x onerror=alert(1)>", "[red]x[/red]", "![x](http://x)", "*bold*", "_it_", "a\\|b", "&lt;",

@@ -19,7 +19,7 @@ from mocap.io.bounds import limit_windows_memory
 from mocap.io.head import head
 from mocap.io.manifest import MANIFEST, current
 from mocap.io.output import result_folder
-from mocap.pipeline.parts import JointPotential
+from mocap.pipeline.potentials import JointPotential
 from mocap.results import stored
 from mocap.text import file_names
 from tests.mocap.rerun.flapping import make_run

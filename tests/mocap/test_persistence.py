@@ -6,7 +6,7 @@ from mocap.datasets import PERFECT, make_bat
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, refine
-from mocap.cleaning.persistence import LAG, UNSEEN, lasting_share, persistent_px, share_left
+from mocap.cleaning.bias import LAG, UNSEEN, lasting_share, persistent_px, share_left
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """What a user states of the pixel noise is used, and what contradicts the pixels is said."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,10 +35,16 @@ def plain(source):
     return clean(source)
 
 
-@pytest.mark.parametrize("stated", [0.01, 0.3, 0.9])
-def test_intervals_follow_what_is_stated_and_nothing_else_does(source, plain, stated):
+@pytest.fixture(scope="module")
+def stating(source):
+    """The recording cleaned with a stated noise, once for each."""
+    return cache(lambda stated: clean(replace(source, pixel_sd=stated)))
+
+
+@pytest.mark.parametrize("stated", [0.01, 0.9])
+def test_intervals_follow_what_is_stated_and_nothing_else_does(stating, plain, stated):
     """Below what the rays show: the same points, samples and names; every deviation times stated over shown."""
-    found = clean(replace(source, pixel_sd=stated))
+    found = stating(stated)
     ratio = stated / plain.jitter_px
     np.testing.assert_array_equal(found.xyz_m, plain.xyz_m)
     np.testing.assert_array_equal(found.rays_rejected, plain.rays_rejected)
@@ -50,9 +57,9 @@ def test_intervals_follow_what_is_stated_and_nothing_else_does(source, plain, st
     np.testing.assert_allclose(found.ray_scale_px, ratio * plain.ray_scale_px, rtol=SAME)
 
 
-def test_more_noise_than_rays_show(source, plain):
+def test_more_noise_than_rays_show(stating, plain):
     """Intervals grow with it, points hardly move, fewer rays are refused; motion is learned with the noise shown."""
-    found = {stated: clean(replace(source, pixel_sd=stated)) for stated in (5.0, 50.0)}
+    found = {stated: stating(stated) for stated in (5.0, 50.0)}
     for stated, one in found.items():
         both = np.isfinite(one.xyz_m[..., 0]) & np.isfinite(plain.xyz_m[..., 0])
         grown = np.sqrt(np.trace(one.cov_m2, axis1=-2, axis2=-1) / np.trace(plain.cov_m2, axis1=-2, axis2=-1))[both]
@@ -64,12 +71,12 @@ def test_more_noise_than_rays_show(source, plain):
         assert abs(np.nanmedian(learned) / np.nanmedian(usual) - 1) < 0.1
 
 
-@pytest.mark.parametrize(("stated", "said"), [(0.01, "times too narrow"), (50.0, "times as wide"), (1.0, None)])
-def test_what_contradicts_the_pixels_is_said_first(source, plain, tmp_path, stated, said):
+@pytest.mark.parametrize(("stated", "said"), [(0.01, "times too narrow"), (50.0, "times as wide"), (0.9, None)])
+def test_what_contradicts_the_pixels_is_said_first(source, stating, plain, tmp_path, stated, said):
     """By how much, and what is done; nothing is said of a number that agrees."""
     given = replace(source, pixel_sd=stated)
     summary = triangulate_file(given, tmp_path / "xyzpts.csv", refine=True)
-    for findings in (clean(given).findings, summary.findings):
+    for findings in (stating(stated).findings, summary.findings):
         contradicted = [f for f in findings if f.kind == "pixel noise"]
         told = [f"`pixel_sd` {stated:g}" in f.text and said in f.text for f in contradicted]
         assert told == [True] * (said is not None)

@@ -9,11 +9,10 @@ from mocap.filters.hidden_gaps import EACH_MARKER, Effort
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.cameras.camera import record
-from mocap.pipeline.blocks import learn_once, track_block
+from mocap.pipeline.blocks import learn_once, long_recording, track_block
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.long import long_recording
 from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.tracking import seen_part, why_no_pose
 from mocap.pipeline.two_rays import continuing, disagreements, unconfirmed, without_contradicted, worth_checking

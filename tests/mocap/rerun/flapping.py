@@ -10,10 +10,9 @@ from eal.arrays import Array
 from eal.kernels import GaussianKernel
 from eal.potential import fit_potential
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
-from mocap.pipeline.parts import JointPotential
-from mocap.pipeline.potentials import SPACE, joint_potentials
+from mocap.pipeline.potentials import SPACE, JointPotential, joint_potentials
 from mocap.pipeline.recording import Recording, of_points
-from mocap.pipeline.track_variables import with_joints, with_motion
+from mocap.pipeline.variables import with_joints, with_motion
 from mocap.records import JointTracks, MarkerTracks, Status
 from mocap.skeleton import Bone, Joint, Skeleton
 

@@ -9,8 +9,8 @@ from flapping import make_run
 from readback import column, entities
 from vulkan import need_vulkan
 
-from mocap.joint_angles import JointAngles
-from mocap.pipeline.track_variables import with_angles
+from mocap.pipeline.variables import with_angles
+from mocap.records import JointAngles
 from mocap.rerun import palette, paths
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.rerun.tabs import lagrangian

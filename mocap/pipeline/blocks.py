@@ -127,7 +127,7 @@ def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording
     """Positions of a Parquet table that is read by range: the recording never is in memory.
 
     Args:
-        path: mocap's long table (``mocap.io.parquet_range``); samples that were not measured are left out.
+        path: mocap's long table (``mocap.io.tables_long``); samples that were not measured are left out.
         skeleton_file: Skeleton TOML; None: none.
 
     Raises:

@@ -8,7 +8,8 @@ from itertools import count
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.hide import Hidden, excerpt, hide_neighbours, hide_own, lengths_for
-from mocap.filters.mixture import Mixture, learn_mixture
+from mocap.filters.interpolate import interpolated
+from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn, shares
 from mocap.filters.models.constant_velocity import MarkerSettings
@@ -16,7 +17,9 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.singer import LastingSettings
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
-from mocap.filters.score import Residuals, joined, residuals_of
+from mocap.filters.score import Residuals, Score, joined, residuals_of, score
+
+from eal.arrays import varying
 
 STEADY_MARKER, EACH_MARKER = MarkerSettings(acceleration=0.01), LastingSettings()
 JOINTS, POSE = ArticulatedSettings(), PoseSettings(ranks=(8,))
@@ -87,6 +90,22 @@ class HiddenGaps:
                 )
         return tuple(joined(list(parts)) for parts in zip(*found, strict=True))
 
+    def alone(self) -> "HiddenGaps":
+        """The same, to be filled by models that learn of no other trial."""
+        return replace(self, trials=())
+
+    def curves(self) -> dict[str, Score]:
+        """How curves through each marker by itself fill them, by the name of the curve."""
+        out = {}
+        for kind in ("linear", "cubic"):
+            errors = []
+            for _, gaps in self.hidden:
+                axes, path = varying(gaps.trial.xyz_m), interpolated(gaps.shown.xyz_m, gaps.trial.t_s, kind=kind)
+                errors.append((path - gaps.trial.xyz_m)[gaps.mask][:, axes])
+            every = np.concatenate(errors)
+            out[kind] = score(every[np.isfinite(every[:, 0])], None)
+        return out
+
 
 def _filled(
     models: Sequence[TrajectoryModel],
@@ -155,15 +174,15 @@ def _part(trial: MarkerTrial, inside: slice) -> MarkerTrial:
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
 
 
-def gaps_like_own(trials: TrialSet, *, most: int, times: int) -> HiddenGaps:
+def gaps_like_own(trials: TrialSet, *, times: int, seed: int = 0) -> HiddenGaps:
     """Gaps like the recording's own, hidden in it (``hide_own``); where it has none, any (``hide_neighbours``).
 
     Args:
         trials: Trials; the last is the recording.
-        most: Of each draw the stretch of so many frames of which most is hidden.
-        times: So many draws.
+        times: So many draws, of each the stretch of 300 frames of which most is hidden.
+        seed: Where to.
     """
-    trial, rng, found = trials.trials[-1], np.random.default_rng(0), []
+    trial, rng, most, found = trials.trials[-1], np.random.default_rng(seed), 300, []
     for turn in range(times):
         hidden = within(hide_own(trial, rng), most)
         found.append(hidden if hidden.gaps else hide_neighbours(best_of(trial, most), rng, turn=turn))
@@ -203,3 +222,22 @@ def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel], call_all: CallAll
     """How models are mixed, by how they fill hidden gaps."""
     residuals = gaps.fill(models, call_all)
     return Mixed(models=tuple(models), mixture=learn_mixture(residuals), residuals=residuals)
+
+
+def crossed(residuals: Sequence[Residuals]) -> Residuals | None:
+    """What a mixture misses gaps by that it was not learned from: each fifth of them, by that of the others.
+
+    Args:
+        residuals: What each model missed them by.
+
+    Returns:
+        None: there is one gap.
+    """
+    fold = np.unique(residuals[0].gap, return_inverse=True)[1] % 5
+    if not fold.any():
+        return None
+    parts = []
+    for k in range(fold.max() + 1):
+        known = learn_mixture([part.some(fold != k) for part in residuals])
+        parts.append(mixed_residuals(known, [part.some(fold == k) for part in residuals]))
+    return joined(parts)

@@ -1,11 +1,12 @@
 """A model learned from trials: what it learned from, what was chosen, how it did on hidden gaps."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain, islice
 
 import numpy as np
-from mocap.filters.anatomy import anatomy_of
+from mocap.filters.anatomy import Anatomy, anatomy_of
 from mocap.filters.errors import FilterError
 from mocap.filters.hidden_gaps import (
     EACH_MARKER,
@@ -14,6 +15,7 @@ from mocap.filters.hidden_gaps import (
     Effort,
     HiddenGaps,
     Mixed,
+    crossed,
     gaps_like_own,
     hidden_gaps,
     mixed,
@@ -26,7 +28,7 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.filters.score import Residuals
+from mocap.filters.score import Residuals, Score
 from mocap.filters.velocities import Asked
 
 
@@ -163,11 +165,13 @@ class MixedTrack:
         markers: Those that were not seen are of the mixture; all else is of the pose model, widened where refused.
         eal: What the pose model alone says.
         mixture: How they were mixed.
+        scores: How well gaps that were hidden in the recording were filled, by the name of the method.
     """
 
     markers: Estimate
     eal: Estimate
     mixture: Mixture
+    scores: Mapping[str, Score] = field(default_factory=dict)
 
 
 def track_alone(
@@ -180,10 +184,14 @@ def track_alone(
     bones: Sequence[tuple[str, str]] = (),
     bodies: Sequence[Sequence[str]] = (),
     asked: Asked | None = None,
+    compared: Mapping[str, TrajectoryModel] | None = None,
+    seed: int = 0,
     progress: Progress | None = None,
     call_all: CallAll = in_turn,
 ) -> MixedTrack | None:
     """Track a recording by models that are learned from it; how they are mixed, on gaps hidden in it.
+
+    The same gaps tell how well gaps are filled: each fifth of them by what the others teach (``crossed``).
 
     Args:
         names: The M markers.
@@ -194,6 +202,8 @@ def track_alone(
         bones: Markers of the skeleton's rigid bones.
         bodies: Markers of the skeleton's rigid bodies.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
+        compared: Models that fill the hidden gaps, too, by name; None: nothing is scored.
+        seed: Where gaps are hidden.
         progress: Called with the share done.
         call_all: Makes the calls that do not wait for each other.
 
@@ -201,12 +211,19 @@ def track_alone(
         None: no gap could be hidden.
     """
     trials = TrialSet([recording], anatomy_of(names, trunk, bones, bodies=bodies))
-    gaps = gaps_like_own(trials, most=300, times=2)
+    gaps = gaps_like_own(trials, times=2, seed=seed)
     if not gaps.hidden:
         return None
-    every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress, call_all)
-    residuals = tuple(replace(part, length=nearest_length(part.length)) for part in residuals)
-    return every.mixed(learn_mixture(residuals))
+    models, more = models_alone(settings, trials), [*(compared or {}).values()]
+    every, (found,) = _estimates(models, trials, observations, [(gaps, [*models, *more])], asked, progress, call_all)
+    residuals = [replace(part, length=nearest_length(part.length)) for part in found]
+    track = every.mixed(learn_mixture(residuals[: len(models)]))
+    if compared is None:
+        return track
+    scored = dict(zip(("eal", *compared), residuals[len(models) - 1 :], strict=True))
+    left_out = crossed(residuals[: len(models)])
+    scored |= {} if left_out is None else {"mixture": left_out}
+    return replace(track, scores=gaps.curves() | {name: part.score() for name, part in scored.items()})
 
 
 def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
@@ -333,6 +350,8 @@ def track_with(
     observations: Observations,
     *,
     asked: Asked | None = None,
+    compared: Mapping[str, TrajectoryModel] | None = None,
+    seed: int = 0,
     progress: Progress | None = None,
     call_all: CallAll = in_turn,
 ) -> MixedTrack:
@@ -347,13 +366,50 @@ def track_with(
         recording: Its markers as triangulated.
         observations: What each frame shows.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
+        compared: Models that are learned from the recording alone, to fill gaps that are hidden to compare them with
+            this one, by name; None: nothing is scored.
+        seed: Where those gaps are hidden.
         progress: Called with the share done.
         call_all: Makes the calls that do not wait for each other.
     """
     trials = trials_for(learned, names, recording)
-    gaps = own_gaps(trials)
-    every, residuals = _estimates(models_of(learned, trials), trials, observations, gaps, asked, progress, call_all)
-    return every.mixed(learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture)
+    models, gaps = models_of(learned, trials), own_gaps(trials)
+    hidden: list[tuple[HiddenGaps, Sequence[TrajectoryModel]]] = [(gaps, models)]
+    if compared is not None:
+        like = gaps_like_own(trials, times=1, seed=seed)
+        hidden += [(like, models), (like.alone(), [*compared.values()])]
+    every, (own, *found) = _estimates(models, trials, observations, hidden, asked, progress, call_all)
+    track = every.mixed(learned.mixture.calibrated(own) if gaps.hidden else learned.mixture)
+    if compared is None or not found[0]:
+        return track
+    scored = dict(zip(compared, found[1], strict=True)) | {"learned": mixed_residuals(track.mixture, found[0])}
+    return replace(track, scores=like.curves() | {name: part.score() for name, part in scored.items()})
+
+
+def filled_alone(
+    recording: MarkerTrial,
+    anatomy: Anatomy,
+    models: Mapping[str, TrajectoryModel],
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+    call_all: CallAll = in_turn,
+) -> dict[str, Score]:
+    """How well models that learn from a recording alone fill gaps that are hidden in it, beside curves; by name.
+
+    Args:
+        recording: Its markers as triangulated.
+        anatomy: What is known of the animal.
+        models: The models, by name.
+        seed: Where gaps are hidden.
+        progress: Called with the share done.
+        call_all: Makes the calls that do not wait for each other.
+    """
+    gaps = gaps_like_own(TrialSet([recording], anatomy), times=1, seed=seed)
+    if not gaps.hidden:
+        return {}
+    found = gaps.together(call_all(gaps.calls([*models.values()]), progress), [*models.values()])
+    return gaps.curves() | {name: part.score() for name, part in zip(models, found, strict=True)}
 
 
 def models_of(learned: LearnedModel, trials: TrialSet) -> list[TrajectoryModel]:
@@ -361,34 +417,25 @@ def models_of(learned: LearnedModel, trials: TrialSet) -> list[TrajectoryModel]:
     return [m if m.applies(trials.anatomy) else learned.models[-1] for m in learned.models]
 
 
-def members(
-    models: Sequence[TrajectoryModel],
-    trials: TrialSet,
-    observations: Observations,
-    *,
-    progress: Progress | None = None,
-    call_all: CallAll = in_turn,
-) -> Members:
-    """What models say of the last trial, for a mixture that is learned elsewhere."""
-    none = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=())
-    return _estimates(models, trials, observations, none, None, progress, call_all)[0]
-
-
 def _estimates(
     models: Sequence[TrajectoryModel],
     trials: TrialSet,
     observations: Observations,
-    gaps: HiddenGaps,
+    hidden: Sequence[tuple[HiddenGaps, Sequence[TrajectoryModel]]],
     asked: Asked | None,
     progress: Progress | None,
     call_all: CallAll,
-) -> tuple[Members, tuple[Residuals, ...]]:
-    """What all models say of the last trial, and what they miss hidden samples by."""
+) -> tuple[Members, list[tuple[Residuals, ...]]]:
+    """What all models say of the last trial, and what models miss hidden samples by."""
     wanted = [None] * (len(models) - 1) + [asked]
     whole: list[Call] = [
         partial(estimate, model, trials, observations, asked=points)
         for model, points in zip(models, wanted, strict=True)
     ]
-    found = call_all([*whole[::-1], *gaps.calls(models)], progress)
-    every = Members(found=tuple(found[: len(whole)][::-1]), recording=trials.trials[-1])
-    return every, gaps.together(found[len(whole) :], models)
+    parts = [gaps.calls(fill) for gaps, fill in hidden]
+    found = iter(call_all([*whole[::-1], *chain(*parts)], progress))
+    every = Members(found=tuple(islice(found, len(whole)))[::-1], recording=trials.trials[-1])
+    missed = [
+        gaps.together(list(islice(found, len(part))), fill) for (gaps, fill), part in zip(hidden, parts, strict=True)
+    ]
+    return every, missed

@@ -64,25 +64,6 @@ class _Pool:
         self.executor = None
 
 
-@dataclass(eq=False)
-class Begun:
-    """A call that was begun.
-
-    Attributes:
-        call: The call.
-        future: What it will return; None: it is made when that is asked for.
-    """
-
-    call: Call
-    future: Future | None
-
-    def result(self, progress: Progress | None = None) -> Any:
-        """What the call returns; waits for it, or makes it."""
-        if self.future is None or isinstance(self.future.exception(), BrokenProcessPool):
-            return self.call(progress=progress)
-        return self.future.result()
-
-
 MOST = 4
 """Processes that one recording has work for."""
 _POOL: ContextVar[_Pool | None] = ContextVar("_POOL", default=None)
@@ -114,12 +95,6 @@ def processes(count: int | None = None) -> Iterator[None]:
         _POOL.reset(token)
         if pool is not None:
             pool.close()
-
-
-def begin(call: Call) -> Begun:
-    """Begin a call in another process, if somebody allows one, before what this one goes on with."""
-    pool = _POOL.get()
-    return Begun(call, None if pool is None else pool.submit(call))
 
 
 def call_all(calls: Sequence[Call], progress: Progress | None = None) -> list[Any]:

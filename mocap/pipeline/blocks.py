@@ -38,7 +38,7 @@ from mocap.pipeline.tracking import (
     marker_trial,
     seen_part,
     track,
-    track_learned,
+    track_mixed,
     tracks_alone,
     why_no_pose,
     with_track,
@@ -213,10 +213,9 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Re
     if posed and worth_checking(prepared):
         prepared = without_contradicted(prepared, part, learned)
         part = seen_part(prepared)
-    if learned is not None and posed:
-        name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked).markers
-    else:
-        name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
+    mixed = track_mixed(prepared, part, learned, asked=asked) if posed else None
+    name = "constant_velocity" if mixed is None else known.name
+    smoothed = _steady(prepared, part, known, asked) if mixed is None else mixed.markers
     tracked = with_track(prepared, part, name, smoothed, asked)
     joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(prepared))
     return replace(tracked, data=with_joints(tracked.data, joints)), own, prepared.findings

@@ -11,6 +11,7 @@ from eal.arrays import Array
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.filters.hide import interior_gaps
 from mocap.filters.interpolate import by_chains, by_poses, interpolated
+from mocap.filters.models.registry import NAMED
 from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
@@ -63,7 +64,7 @@ def measured_demo(
     seen = np.isfinite(prepared.xyz_m[..., 0])
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
-        model = learn_motion(prepared, part, "constant_velocity")
+        model = learn_motion(prepared, part, NAMED["constant_velocity"].settings)
         other = with_track(prepared, part, model.motion.name, track(prepared, part, model, progress=progress))
         methods = {"mixture": run.tracks, "constant_velocity": other.tracks}
         gaps = {name: compared(m.xyz_m, m.cov_m2, truth, where).as_json() for name, m in methods.items()}

@@ -15,6 +15,7 @@ from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
+from mocap.filters.models.registry import NAMED
 from mocap.pipeline.by_hand import straightened, without_hand
 from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.tracking import Part, learn_motion, track, with_track
@@ -302,7 +303,7 @@ def resolved(
     whole = of_points(marker_tracks(names, tracks.t_s, measured), bare, name=recording.name)
     whole = replace(whole, cleaned=True)
     long = Part(frames=slice(0, len(tracks.t_s)), markers=part.markers)
-    model = replace(learn_motion(whole, long, "constant_velocity"), t_s=seen.t_s, rigid=None)
+    model = replace(learn_motion(whole, long, NAMED["constant_velocity"].settings), t_s=seen.t_s, rigid=None)
     return window, with_track(of, part, "constant_velocity", track(of, part, model)).tracks
 
 

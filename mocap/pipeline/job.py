@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
-from functools import partial
 from os import PathLike
 from pathlib import Path
 
@@ -15,12 +14,13 @@ from eal.threads import one_blas_thread
 from mocap.errors import MocapError, beside
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
-from mocap.filters.model import LearnedModel, MixedTrack, for_recording, renamed
-from mocap.filters.models.base import FittedMotion
+from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
+from mocap.filters.models.base import FittedMotion, TrajectoryModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate
+from mocap.filters.score import Score
 from mocap.filters.size import size_factor
 from mocap.filters.velocities import Asked
 from mocap.joint_angles import JointAngles, angle_names
@@ -33,24 +33,20 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.track_variables import with_angles, with_joints, with_limbs
 from mocap.pipeline.tracking import (
-    HiddenSamples,
     Part,
-    fill_hidden,
-    hide_samples,
     learn_motion,
     marker_trial,
     part_names,
-    score_filled,
     seen_part,
     track,
-    track_learned,
     track_mixed,
+    trial_set,
     trunk_frames,
     why_no_pose,
     with_track,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.side_by_side import Begun, begin
+from mocap.side_by_side import call_all
 from mocap.stages import Stages
 from mocap.text import as_text
 
@@ -123,16 +119,20 @@ def run_job(
         if watch is not None:
             with stages.stage("filter live"):
                 alone = model if model in NAMED else "eal" if posed else "constant_velocity"
-                watch(recording, part, learn_motion(recording, part, alone).motion)
+                watch(recording, part, learn_motion(recording, part, NAMED[alone].settings).motion)
         mixing = learned is None and posed and model not in NAMED
-        hidden = hide_samples(recording, part, np.random.default_rng([seed, 1])) if validated else None
-        filling = _filling(recording, hidden, model, reason, learned, mixing=mixing)
-        mixed = _mixed(recording, part, learned, asked, stages, mixing=mixing)
-        scores = {}
-        if hidden is not None and filling is not None:
+        beside = _compared(model, reason, mixing=mixing) if validated else None
+        mixed, scores = None, {}
+        if mixing or learned is not None:
+            with stages.stage("track with a mixture of models" if mixing else "track") as progress:
+                mixed = track_mixed(
+                    recording, part, learned, asked=asked, compared=beside, seed=seed, progress=progress
+                )
+            scores = {} if mixed is None else mixed.scores
+        elif beside:
             with stages.stage("validate on hidden samples") as progress:
-                mixture = None if mixed is None else mixed.mixture
-                scores = score_filled(recording, hidden, filling.result(progress), mixture)
+                trial, anatomy = marker_trial(recording, part), trial_set(recording, part).anatomy
+                scores = filled_alone(trial, anatomy, beside, seed=seed, progress=progress, call_all=call_all)
         name, why = _choose(model, reason, scores)
         if learned is not None:
             name, why = "learned", _learned_from(learned, recording, part)
@@ -140,11 +140,10 @@ def run_job(
         if smoothed is None:
             name = "eal" if name == "mixture" else name
             with stages.stage("learn"):
-                own = learn_motion(recording, part, name)
+                own = learn_motion(recording, part, NAMED[name].settings)
             with stages.stage("track") as progress:
                 smoothed = track(recording, part, own, asked=asked, progress=progress)
-        told = {"why": why, "scores": scores, "hidden": 0 if hidden is None else hidden.count}
-        return _finished(recording, part, name, smoothed, asked, stages=stages, own=own, **told)
+        return _finished(recording, part, name, smoothed, asked, why=why, scores=scores, stages=stages, own=own)
 
 
 def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Recording, Recording]:
@@ -167,34 +166,12 @@ def _prepared(
     return recording, part, reason, learned
 
 
-def _filling(
-    recording: Recording,
-    hidden: HiddenSamples | None,
-    model: str,
-    reason: str | None,
-    learned: LearnedModel | None,
-    *,
-    mixing: bool,
-) -> Begun | None:
-    """Hidden samples being filled, beside what follows, by the model and those that it is compared with."""
-    if hidden is None or not hidden.count:
-        return None
-    wanted = {model, *NAMED[model].beside} if model in NAMED else {"eal"} | ({"mixture"} if mixing else set())
-    wanted |= {"constant_velocity"} if model == "auto" or reason is not None else set()
-    return begin(partial(fill_hidden, recording, hidden, methods=wanted, learned=learned))
-
-
-def _mixed(
-    recording: Recording, part: Part, learned: LearnedModel | None, asked: Asked, stages: Stages, *, mixing: bool
-) -> MixedTrack | None:
-    """The recording tracked by several models together; None where one alone is asked for."""
-    if learned is not None:
-        with stages.stage("track") as progress:
-            return track_learned(recording, part, learned, asked=asked, progress=progress)
-    if not mixing:
-        return None
-    with stages.stage("track with a mixture of models") as progress:
-        return track_mixed(recording, part, asked=asked, progress=progress)
+def _compared(model: str, reason: str | None, *, mixing: bool) -> dict[str, TrajectoryModel]:
+    """Models that fill hidden gaps, too, beside a mixture; of a model alone, this is one of them."""
+    names = {model, *NAMED[model].beside} if model in NAMED else set() if mixing else {"eal"}
+    names |= {"constant_velocity"} if model == "auto" or reason is not None else set()
+    posed = reason is None
+    return {name: one.settings for name, one in NAMED.items() if name in names and (posed or not one.posed)}
 
 
 def _finished(
@@ -207,8 +184,7 @@ def _finished(
     why: str,
     stages: Stages,
     own: FittedMotion | None = None,
-    scores: Mapping[str, Mapping[str, float | None]] | None = None,
-    hidden: int = 0,
+    scores: Mapping[str, Score] | None = None,
 ) -> tuple[Recording, Recording]:
     """The recording as it was tracked, with joints, potentials and a report; and as it was cleaned."""
     tracked = with_track(recording, part, name, smoothed, asked)
@@ -228,7 +204,6 @@ def _finished(
         potentials,
         why_model=why,
         validation=scores or {},
-        hidden=hidden,
         seconds=stages.seconds,
         articulated=joined,
     )
@@ -291,16 +266,16 @@ def _learned_from(learned: LearnedModel, recording: Recording, part: Part) -> st
     return f"learned from {', '.join(used) or 'no other'}{scaled}{left_out}"
 
 
-def _choose(model: str, reason: str | None, scores: dict) -> tuple[str, str]:
+def _choose(model: str, reason: str | None, scores: Mapping[str, Score]) -> tuple[str, str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"
     if reason is not None:
         return "constant_velocity", reason
-    rmse = {name: scores.get(name, {}).get("rmse_mm") for name in ("mixture", "constant_velocity")}
-    if rmse["mixture"] is None or rmse["constant_velocity"] is None:
+    mixture, steady = scores.get("mixture"), scores.get("constant_velocity")
+    if mixture is None or steady is None:
         return "mixture", "the default"
-    if rmse["mixture"] <= rmse["constant_velocity"]:
+    if mixture.rmse_mm <= steady.rmse_mm:
         return "mixture", "it fills hidden samples of this recording better than constant velocity"
     return "constant_velocity", (
         "it fills hidden samples of this recording better than the mixture that includes the EAL model"

@@ -13,6 +13,7 @@ from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.models.pose import WEIGHT
+from mocap.filters.score import Score
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
@@ -36,14 +37,14 @@ def make_report(
     potentials: Mapping[str, JointPotential],
     *,
     why_model: str,
-    validation: Mapping[str, Mapping[str, float | None]],
-    hidden: int,
+    validation: Mapping[str, Score],
     seconds: Mapping[str, float],
     articulated: Sequence[Articulation] = (),
 ) -> dict[str, object]:
     """The report of a run; plain numbers, strings, lists and dictionaries.
 
-    Of one film without a scale, keys that name millimetres name pixels.
+    Of one film without a scale, keys that name millimetres name pixels. ``validation`` has, by method, how gaps that
+    were hidden are filled.
     """
     found = [*recording.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
     if not potentials and recording.plane is None and (recording.skeleton.joints or not recording.skeleton.body_joints):
@@ -111,7 +112,10 @@ def make_report(
         "stale_points": None if recording.stale is None else [vars(s) for s in recording.stale],
         "innovation": _consistency(tracked),
         "log_likelihood": float(tracked.log_likelihood.sum()),
-        "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
+        "validation": {
+            "hidden_samples": max((one.samples for one in validation.values()), default=0),
+            "methods": {name: one.as_json() for name, one in validation.items()},
+        },
         "joints": {name: _joint(p) for name, p in potentials.items()},
         "articulation": {
             "joints": [_articulation(joint) for joint in articulated],

@@ -1,7 +1,8 @@
-"""Learn motion models from a recording that was cleaned, track with them, and measure how they fill hidden samples."""
+"""Learn motion models from a recording that was cleaned, and track with them."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,28 +13,13 @@ from mocap.cleaning.persistence import lasting_share
 from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
-from mocap.filters.hide import excerpt, hide_neighbours, hide_own
-from mocap.filters.interpolate import interpolated
-from mocap.filters.mixture import Mixture
-from mocap.filters.model import (
-    LearnedModel,
-    Members,
-    MixedTrack,
-    members,
-    models_alone,
-    models_of,
-    track_alone,
-    track_with,
-    trials_for,
-)
-from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet, shares
+from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.models.registry import NAMED
 from mocap.filters.moving import asked_of
 from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.filters.score import compared
 from mocap.filters.velocities import Asked, Motion
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.jumped import jump_cov
@@ -88,41 +74,15 @@ def why_no_pose(recording: Recording, part: Part) -> str | None:
 def trunk_frames(recording: Recording, part: Part, *, cutoff_hz: float) -> BodyFrames:
     """Body frames of the tracked frames, from the skeleton's trunk, or from all markers if it names none."""
     wanted = [recording.names.index(m) for m in recording.skeleton.trunk] or list(part.markers)
-    xyz = _visible(recording, part, None, np.array(wanted))
+    xyz = recording.xyz_m[part.frames][:, np.array(wanted)]
     if not np.isfinite(xyz).any():
-        xyz = _visible(recording, part, None, part.markers)
+        xyz = recording.xyz_m[part.frames][:, part.markers]
     return body_frames(xyz, dt_s=recording.dt_s, cutoff_hz=cutoff_hz)
 
 
-def _visible(recording: Recording, part: Part, hidden: Mask | None, markers: NDArray[np.int64]) -> Array:
-    keep = np.ones(recording.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
-    xyz = np.where(keep[..., None], recording.xyz_m, np.nan)
-    return xyz[part.frames][:, markers]
-
-
-def learn_motion(
-    recording: Recording,
-    part: Part,
-    name: str,
-    *,
-    settings: TrajectoryModel | None = None,
-    hidden: Mask | None = None,
-) -> FittedMotion:
-    """A motion model learned from a recording alone.
-
-    Args:
-        recording: The recording.
-        part: Its seen part.
-        name: Of ``mocap.filters.models.registry.NAMED``.
-        settings: In place of those that the name has; None: these.
-        hidden: (T, M) samples that it does not learn from.
-    """
-    names = part_names(recording, part)
-    skeleton = recording.skeleton
-    anatomy = anatomy_of(
-        names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses, bodies=skeleton.bodies.values()
-    )
-    return (settings or NAMED[name].settings).fit(TrialSet([marker_trial(recording, part, hidden=hidden)], anatomy))
+def learn_motion(recording: Recording, part: Part, settings: TrajectoryModel) -> FittedMotion:
+    """A motion model learned from the seen part of a recording alone."""
+    return settings.fit(trial_set(recording, part))
 
 
 def part_names(recording: Recording, part: Part) -> list[str]:
@@ -130,20 +90,21 @@ def part_names(recording: Recording, part: Part) -> list[str]:
     return [recording.names[int(m)] for m in part.markers]
 
 
-def trial_set(recording: Recording, part: Part, *, hidden: Mask | None = None) -> TrialSet:
+def trial_set(recording: Recording, part: Part) -> TrialSet:
     """The seen part alone, with its anatomy; see ``marker_trial``."""
-    names, skeleton = part_names(recording, part), recording.skeleton
-    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values())
-    return TrialSet([marker_trial(recording, part, hidden=hidden)], anatomy)
+    skeleton, names = recording.skeleton, part_names(recording, part)
+    masses, bodies = skeleton.measures.masses, skeleton.bodies.values()
+    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, masses, bodies=bodies)
+    return TrialSet([marker_trial(recording, part)], anatomy)
 
 
-def marker_trial(recording: Recording, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
+def marker_trial(recording: Recording, part: Part) -> MarkerTrial:
     """The seen part as models learn from it: with the noise that it shows, whatever is stated."""
     cov = recording.cov_m2[part.frames][:, part.markers]
     return MarkerTrial(
         name=recording.name,
         t_s=recording.t_s[part.frames],
-        xyz_m=_visible(recording, part, hidden, part.markers),
+        xyz_m=recording.xyz_m[part.frames][:, part.markers],
         sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3) / recording.stated_over_shown,
     )
 
@@ -151,46 +112,36 @@ def marker_trial(recording: Recording, part: Part, *, hidden: Mask | None = None
 def track_mixed(
     recording: Recording,
     part: Part,
+    learned: LearnedModel | None = None,
     *,
     asked: Asked | None = None,
+    compared: Mapping[str, TrajectoryModel] | None = None,
+    seed: int = 0,
     progress: Progress | None = None,
 ) -> MixedTrack | None:
-    """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
+    """Filter and smooth the seen part with a mixture of models.
+
+    Args:
+        recording: The recording, cleaned.
+        part: Its seen part.
+        learned: A model of other trials; None: the mixture learns from this recording alone.
+        asked: Points whose velocities and joint covariances are kept; None: of none.
+        compared: Models that fill hidden gaps, too; None: nothing is scored.
+        seed: Where gaps are hidden.
+        progress: Called with the share done.
+
+    Returns:
+        None: no gap could be hidden, for the recording to teach itself.
+    """
     names, skeleton = part_names(recording, part), recording.skeleton
+    trial, seen = marker_trial(recording, part), recording.observations(part.frames, part.markers)
+    options: dict[str, Any] = {"compared": compared, "seed": seed, "progress": progress, "call_all": call_all}
+    options["asked"] = None if asked is None else asked_of(names, asked)
+    if learned is not None:
+        return track_with(learned, names, trial, seen, **options)
+    bodies = [*skeleton.bodies.values()]
     return track_alone(
-        names,
-        skeleton.trunk,
-        marker_trial(recording, part),
-        recording.observations(part.frames, part.markers),
-        PoseSettings(),
-        bones=skeleton.rigid,
-        bodies=[*skeleton.bodies.values()],
-        asked=None if asked is None else asked_of(names, asked),
-        progress=progress,
-        call_all=call_all,
-    )
-
-
-def track_learned(
-    recording: Recording,
-    part: Part,
-    learned: LearnedModel,
-    *,
-    asked: Asked | None = None,
-    progress: Progress | None = None,
-) -> MixedTrack:
-    """Filter and smooth the seen part with a model that was learned from other trials."""
-    names = part_names(recording, part)
-    points = None if asked is None else asked_of(names, asked)
-    observations = recording.observations(part.frames, part.markers)
-    return track_with(
-        learned,
-        names,
-        marker_trial(recording, part),
-        observations,
-        asked=points,
-        progress=progress,
-        call_all=call_all,
+        names, skeleton.trunk, trial, seen, PoseSettings(), bones=skeleton.rigid, bodies=bodies, **options
     )
 
 
@@ -304,117 +255,3 @@ def lasting_cov(recording: Recording) -> Array:
     usual = recording.jitter_px * (np.ones(len(recording.names)) if recording.noise is None else recording.noise.marker)
     cov = recording.cov_m2 * lasting_share(recording.persistent_px, usual, removed_px=recording.bias_px)[:, None, None]
     return filled(cov) if recording.lens_cov_m2 is None else filled(cov) + filled(recording.lens_cov_m2)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HiddenSamples:
-    """Measured samples that are hidden, to see how they are filled.
-
-    Attributes:
-        part: Frames in which they are, and the markers that are seen there.
-        mask: (T, M) which they are.
-    """
-
-    part: Part
-    mask: Mask
-
-    @property
-    def count(self) -> int:
-        """How many they are."""
-        return int(self.mask.sum())
-
-
-def hide_samples(recording: Recording, part: Part, rng: np.random.Generator) -> HiddenSamples:
-    """Hide samples in gaps like the recording's own, in at most 300 frames: to see how these are filled."""
-    trial = marker_trial(recording, part)
-    own = hide_own(trial, rng)
-    if not own.gaps:
-        own = hide_neighbours(trial, rng)
-    inside = excerpt(own.mask, 300)
-    window = slice(part.frames.start + inside.start, part.frames.start + inside.stop)
-    seen = np.isfinite(recording.xyz_m[..., 0])
-    hidden = np.zeros_like(seen)
-    hidden[np.ix_(np.arange(len(seen))[window], part.markers)] = own.mask[inside]
-    left = np.asarray((seen & ~hidden)[window].any(axis=0))
-    hidden[:, ~left] = False
-    return HiddenSamples(part=Part(frames=window, markers=np.flatnonzero(left)), mask=hidden)
-
-
-def fill_hidden(
-    recording: Recording,
-    hidden: HiddenSamples,
-    *,
-    methods: Collection[str],
-    learned: LearnedModel | None = None,
-    progress: Progress | None = None,
-) -> dict[str, Estimate | Members]:
-    """Fill hidden samples by models that are learned without them.
-
-    Args:
-        recording: The recording.
-        hidden: What is hidden.
-        methods: Models to fill with: ``mixture`` (its members), ``eal``, ``articulated``, ``lagrangian``,
-            ``constant_velocity``; those that need a pose only where one can be learned.
-        learned: A model of other trials, to fill as well, as ``learned``.
-        progress: Called with the share done.
-    """
-    part, found = hidden.part, dict[str, Estimate | Members]()
-    posed = why_no_pose(recording, part) is None
-    seen = recording.observations(part.frames, part.markers, hidden=hidden.mask)
-    steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
-    if "mixture" in methods and posed:
-        alone = trial_set(recording, part, hidden=hidden.mask)
-        models = models_alone(PoseSettings(), alone)
-        found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
-    for name, one in NAMED.items():
-        if name in methods and (posed or not one.posed) and not (name == "eal" and "mixture" in found):
-            model = learn_motion(recording, part, name, hidden=hidden.mask)
-            found[name] = track(recording, part, model, hidden=hidden.mask, progress=steps["rest"])
-    if learned is not None:
-        own = marker_trial(recording, part, hidden=hidden.mask)
-        trials = trials_for(learned, part_names(recording, part), own)
-        models = models_of(learned, trials)
-        found["learned"] = members(models, trials, seen, progress=steps["learned"], call_all=call_all)
-    return found
-
-
-def score_filled(
-    recording: Recording, hidden: HiddenSamples, filled: Mapping[str, Estimate | Members], mixture: Mixture | None
-) -> dict[str, dict[str, float | None]]:
-    """How well hidden samples were filled, by method, ``linear`` and ``cubic`` interpolation among them.
-
-    How models are mixed, a weight and a width a model and length of gap, is that of the track itself: learned from
-    other gaps, in which some of the same samples were hidden.
-
-    Args:
-        recording: The recording.
-        hidden: What was hidden.
-        filled: How it was filled (``fill_hidden``).
-        mixture: How members of a mixture are mixed; None: they are not scored.
-    """
-    part = hidden.part
-    truth, where = recording.xyz_m[part.frames][:, part.markers], hidden.mask[part.frames][:, part.markers]
-    left = _visible(recording, part, hidden.mask, part.markers)
-    scores = {
-        name: compared(interpolated(left, recording.t_s[part.frames], kind=name), None, truth, where).as_json()
-        for name in ("linear", "cubic")
-    }
-    estimates: dict[str, Estimate] = {}
-    for name, one in filled.items():
-        if not isinstance(one, Members):
-            estimates[name] = one
-            continue
-        if name == "mixture":
-            estimates["eal"] = one.found[-1]
-        if mixture is not None:
-            estimates[name] = one.mixed(mixture).markers
-    for name in (*NAMED, "mixture", "learned"):
-        if name in estimates:
-            cov = estimates[name].cov_m2 + _jitter(recording, part)
-            scores[name] = compared(estimates[name].xyz_m, cov, truth, where).as_json()
-    return scores
-
-
-def _jitter(recording: Recording, part: Part) -> Array:
-    """The measurement's own covariance, which a comparison with measured samples contains."""
-    return np.nan_to_num(recording.cov_m2[part.frames][:, part.markers])

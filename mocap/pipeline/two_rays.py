@@ -22,7 +22,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import Part, marker_trial, part_names, track, trial_set, why_no_pose
+from mocap.pipeline.tracking import Part, learn_motion, marker_trial, part_names, track, trial_set, why_no_pose
 
 FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
@@ -167,8 +167,9 @@ def continuing(recording: Recording, part: Part, asked: Mask, away_m: Array) -> 
         asked: (T, M) points that are asked about.
         away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
-    own = trial_set(recording, part, hidden=asked)
-    xyz, _ = _whole(recording, part, track(recording, part, EACH_MARKER.fit(own), hidden=asked))
+    doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
+    model = learn_motion(doubted, part, EACH_MARKER)
+    xyz, _ = _whole(recording, part, track(recording, part, model, hidden=asked))
     known = np.isfinite(recording.xyz_m[..., 0])
     miss_m, out = np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.zeros_like(asked)
     for marker in np.flatnonzero(np.isfinite(away_m).any(axis=0)).tolist():

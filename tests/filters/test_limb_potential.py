@@ -5,6 +5,7 @@ import pytest
 from mocap.datasets import make_bat
 from mocap.filters.limb_potential import HeldKeeper
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.registry import NAMED
 
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
@@ -27,7 +28,7 @@ def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
     pull is minus the gradient by markers: a step along it, of all other markers none, lowers the potential.
     """
     prepared, part = bat
-    model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0))
+    model = learn_motion(prepared, part, PoseSettings(ranks=(4,), regression=0))
     asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
     found = track(prepared, part, model, asked=asked)
     limbs = HeldKeeper.of(model.motion).limbs
@@ -56,14 +57,14 @@ def barrier(limb, q):
 
 def test_nothing_is_kept_where_nothing_is_asked(bat):
     prepared, part = bat
-    model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0, potential="none"))
+    model = learn_motion(prepared, part, PoseSettings(ranks=(4,), regression=0, potential="none"))
     assert HeldKeeper.of(model.motion) is None
 
 
 def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """A map for each limb, V_z low where it was; the pull is how markers move with minus the gradient by the angles."""
     prepared, part = bat
-    motion = learn_motion(prepared, part, "articulated")
+    motion = learn_motion(prepared, part, NAMED["articulated"].settings)
     asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
     found = track(prepared, part, motion, asked=asked)
     assert [h.name for h in found.held] == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]

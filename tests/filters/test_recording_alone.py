@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.model import members, models_alone, track_alone
+from mocap.filters.hidden_gaps import crossed
+from mocap.filters.model import track_alone
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import PositionObservations
+from mocap.filters.score import Residuals
 
 from tests.filters.test_gaps_in_trials import trial_of
 
@@ -56,13 +58,40 @@ def test_what_is_seen_is_the_filter_s_own(lost):
     np.testing.assert_array_equal(found.cov_m2[trial.seen], alone.cov_m2[trial.seen])
 
 
-def test_members_mixed_later_are_the_track(lost):
-    """Members that are mixed by what a track has found are that track."""
+def test_the_gaps_that_teach_a_mixture_score_it(lost):
+    """The track is the same; errors in hidden gaps are of curves, of both members, and of the mixture, in order."""
     trial, seen, first = lost
-    alone = TrialSet([trial], Anatomy((0, 1, 2, 3)))
-    again = members(models_alone(SETTINGS, alone), alone, seen).mixed(first.mixture)
+    again = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS, compared={"constant_velocity": MarkerSettings()})
+    assert again is not None
     np.testing.assert_array_equal(again.markers.xyz_m, first.markers.xyz_m)
-    np.testing.assert_array_equal(again.markers.cov_m2, first.markers.cov_m2)
+    assert not first.scores
+    assert set(again.scores) == {"linear", "cubic", "eal", "constant_velocity", "mixture"}
+    assert len({one.samples for one in again.scores.values()}) == 1
+    errors = {name: one.rmse_mm for name, one in again.scores.items()}
+    assert errors["mixture"] < 0.5 * min(errors["constant_velocity"], errors["linear"], errors["cubic"])
+
+
+def test_no_gap_is_scored_by_a_mixture_that_it_taught():
+    """An error that is enormous in one gap changes nothing in the others of its fifth, and something in the rest."""
+    rng, gap = np.random.default_rng(0), np.repeat(np.arange(10), 6)
+    parts = [
+        Residuals(
+            error_m=1e-3 * rng.standard_normal((60, 3)),
+            variance=np.full((60, 3), 1e-6),
+            noise=np.full(60, 1e-8),
+            gap=gap,
+            length=np.full(60, 8),
+        )
+        for _ in range(2)
+    ]
+    wrong = np.where((gap == 3)[:, None], 1.0, parts[0].error_m)
+    before, after = crossed(parts), crossed([replace(parts[0], error_m=wrong), parts[1]])
+    assert before is not None
+    assert after is not None
+    same = np.array([np.array_equal(a, b) for a, b in zip(before.variance, after.variance, strict=True)])
+    fold = np.concatenate([gap[gap % 5 == k] for k in range(5)])
+    assert same[fold == 8].all()
+    assert not same[(fold != 8) & (fold != 3)].any()
 
 
 def test_a_recording_too_short_to_hide_anything_teaches_nothing():

@@ -21,7 +21,7 @@ from mocap.pipeline import learning, tracking
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
 from mocap.plots.figures import pictures
-from mocap.side_by_side import begin, call_all
+from mocap.side_by_side import call_all
 from tests.filters.test_gaps_in_trials import trial_of
 
 HERE = os.getpid()
@@ -66,31 +66,13 @@ def test_a_call_whose_process_dies_is_made_here():
         assert call_all([partial(square, 1), partial(square, 2)])[1][0] == 4  # and the next ones have processes again
 
 
-def test_a_call_that_is_begun_runs_elsewhere_and_is_made_here_where_it_dies():
-    """Without processes it is made when its result is asked for; a process that dies harms no later call."""
-    told: list[float] = []
-    assert begin(partial(square, 3)).result(told.append) == (9, HERE)
-    assert told == [1.0]
-    with mocap.processes(2):
-        begun, dying = begin(partial(square, 3)), begin(partial(dies_elsewhere, HERE))
-        assert dying.result() == "here"
-        assert begun.result()[0] == 9
-        value, process = begin(partial(square, 4)).result()
-        assert value == 16
-        assert process != HERE
-        with pytest.raises(MocapError, match="not so"):
-            begin(refuses).result()
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere processes are started afresh")
 def test_what_processes_are_forked_from_dies():
     """Before the first call, and between two: it is started anew."""
     with mocap.processes(2):
         for x in (3, 4):
             os.kill(forkserver._forkserver._forkserver_pid, signal.SIGKILL)
-            begun = begin(partial(square, x))
-            assert call_all([partial(square, 1), partial(square, 2)])[1][0] == 4
-            assert begun.result()[0] == x**2
+            assert call_all([partial(square, 1), partial(square, x)])[1][0] == x**2
 
 
 def test_no_process_can_be_started(monkeypatch):
@@ -101,7 +83,6 @@ def test_no_process_can_be_started(monkeypatch):
 
     with mocap.processes(2), monkeypatch.context() as patch:
         patch.setattr(side_by_side.ProcessPoolExecutor, "submit", exhausted)
-        assert begin(partial(square, 3)).result() == (9, HERE)
         assert call_all([partial(square, 1), partial(square, 2)]) == [(1, HERE), (4, HERE)]
 
 

@@ -83,11 +83,11 @@ class HiddenGaps:
     def together(self, found: Sequence[list[Residuals]], models: Sequence[TrajectoryModel]) -> tuple[Residuals, ...]:
         """What each model missed all of them by, from what the calls returned."""
         for number, ((_, gaps), parts) in enumerate(zip(self.hidden, found, strict=True)):
-            for model, part in zip(models, parts, strict=True):
-                self.tell(
-                    f"{model.description}: gaps hidden in {gaps.trial.name} ({number + 1} of {len(self.hidden)}) are "
-                    f"filled to {1e3 * np.exp(part.log_rmse):.2f} mm"
-                )
+            errors = ", ".join(
+                f"{1e3 * np.exp(part.log_rmse):.2g} mm by {model.description}"
+                for model, part in zip(models, parts, strict=True)
+            )
+            self.tell(f"gaps hidden in {gaps.trial.name} ({number + 1} of {len(self.hidden)}): {errors}")
         return tuple(joined(list(parts)) for parts in zip(*found, strict=True))
 
     def alone(self) -> "HiddenGaps":

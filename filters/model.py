@@ -246,12 +246,12 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
 
 def scores_of(found: Mixed) -> dict[str, dict[str, list[float]]]:
     """Errors and coverage of each model and of the mixture on what was hidden, by length of gap."""
-    mixed, length = mixed_residuals(found.mixture, found.residuals), found.residuals[0].length
+    mixed = crossed(found.residuals) or mixed_residuals(found.mixture, found.residuals)
     named = [(model.description, part) for model, part in zip(found.models, found.residuals, strict=True)]
     out = {}
     for name, part in [*named, ("mixture", mixed)]:
         rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": [], "z": []}
-        for n in np.unique(length):
+        for n in np.unique(part.length):
             value = part.some(part.length == n).score()
             rows["gap_frames"].append(int(n))
             rows["rmse_mm"].append(value.rmse_mm)

@@ -59,11 +59,8 @@ class ArticulatedSettings(TrajectoryModel):
 
     @property
     def description(self) -> str:
-        """Segments and joints, and what holds them."""
-        held = self.pose.description.replace("limbs", "joint angles")
-        if self.mechanics == "lagrangian":
-            held = held.replace("linear mechanics", "mechanics of their masses")
-        return f"articulated segments, {held}"
+        """Its name."""
+        return "Lagrangian" if self.mechanics == "lagrangian" else "joint angles"
 
     def applies(self, anatomy: Anatomy) -> bool:
         """Of an animal with rigid bones."""

@@ -26,8 +26,7 @@ class MarkerSettings(TrajectoryModel):
     @property
     def description(self) -> str:
         """Its name."""
-        less = "" if self.acceleration == 1 else f", accelerations x {self.acceleration:g}"
-        return f"constant velocity of each marker{less}"
+        return "constant velocity" if self.acceleration == 1 else "steady velocity"
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn how each marker accelerates in all trials."""

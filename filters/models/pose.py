@@ -70,9 +70,8 @@ class PoseSettings(TrajectoryModel):
 
     @property
     def description(self) -> str:
-        """Its mechanics, what holds it, and what it observes."""
-        others = (" + bones" if self.bones else "") + (" + regression on other markers" if self.regression else "")
-        return "linear mechanics" + _HELD[self.potential] + others
+        """Its name."""
+        return "pose model"
 
     def pull(self, samples: Array, *, rate: float, over: Over = lambda kernel: kernel) -> Callable[[Array], Array]:
         """Gradient of the potential of samples (N, d), here of V_z.
@@ -131,13 +130,6 @@ class PoseSettings(TrajectoryModel):
             "pose_stiffness": model.mechanics.stiffness,
             "pose_damping": model.mechanics.damping,
         }
-
-
-_HELD: dict[Potential, str] = {
-    "none": "",
-    "limbs": " + V_z of limbs",
-    "limb motion": " + V_z of limbs and their velocities",
-}
 
 
 def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes) -> Motion:

@@ -74,7 +74,7 @@ class LastingSettings(TrajectoryModel):
     @property
     def description(self) -> str:
         """Its name."""
-        return "each marker with an acceleration that lasts"
+        return "lasting acceleration"
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn how each marker moves and accelerates in all trials."""

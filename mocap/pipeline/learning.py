@@ -263,8 +263,8 @@ def readable_scores(learned: LearnedModel) -> str:
         f"# A model of {len(learned.trials)} recordings",
         "",
         f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Root mean square errors in mm in "
-        "the hidden gaps on which models were chosen (in brackets the share inside 95 % intervals, whose width was "
-        "set on the same gaps, and z, the root mean square of error over stated deviation):",
+        "gaps that were hidden, of the mixture as the other gaps teach it (in brackets the share inside 95 % "
+        "intervals, and z, the root mean square of error over stated deviation: 1 is right):",
         "",
         "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
         "|---" * (len(lengths) + 1) + "|",

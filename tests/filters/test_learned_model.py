@@ -101,9 +101,9 @@ def test_what_is_seen_is_kept(filled, flights):
 
 
 def test_scores_are_of_every_model_and_the_mixture(learned, flights):
-    """At each length of gap there are numbers; in the mean over lengths the mixture is at most 5 % worse than the best.
+    """At each length of gap there are numbers; over lengths the mixture is at most 10 % worse than the best.
 
-    That is what the penalty on its offsets costs where one is the best at all of them.
+    That is what the penalty on its offsets costs where one is the best at all of them, and a fifth of the gaps less.
     """
     assert list(learned.scores)[-1] == "mixture"
     assert len(learned.scores) == len(learned.models) + 1 == 4
@@ -111,7 +111,7 @@ def test_scores_are_of_every_model_and_the_mixture(learned, flights):
     hidden = hide_neighbours(flights[0][0], np.random.default_rng(0))
     assert {int(n) for n in np.unique(hidden.length[hidden.mask])} <= set(lengths) <= {10, 25, 50}
     level = {name: np.mean(np.log(rows["rmse_mm"])) for name, rows in learned.scores.items()}
-    assert level["mixture"] <= min(level.values()) + 0.05
+    assert level["mixture"] <= min(level.values()) + 0.1
     assert (
         np.abs(np.array(learned.scores["mixture"]["coverage95"]) - 95) < 10
     ).all()  # few gaps of a length share their widths

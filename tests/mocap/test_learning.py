@@ -155,7 +155,7 @@ def test_joints_are_one_more_model_where_there_are_bones(mocap, tmp_path):
     )
     assert code == 0, err
     assert [type(model) for model in load_model(path).models][1] is ArticulatedSettings
-    assert "articulated segments" in stdout + err
+    assert "joint angles" in stdout + err
 
 
 def test_names_that_a_model_knows_are_not_taken(model):

@@ -25,7 +25,7 @@ import argparse
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,7 @@ import pandas as pd
 from mocap.datasets.real import folder
 from mocap.filters.first_poses import settled, starts_of
 from mocap.filters.motion.bones import Bones
-from mocap.filters.one_camera import Found, jitter_px, most_strange, px_per_m, shown, track_views
+from mocap.filters.one_camera import Found, LeftOut, jitter_px, left_out, px_per_m, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import Barrier, PosePrior, learn_prior
 from mocap.filters.poses import MarkerTrial, poses_of
@@ -287,10 +287,16 @@ def _of_teachers(
         noise = max(float(np.nan_to_num(jitter_px(uv))), 0.05)
         views = Views(matrices=own.matrices[camera : camera + 1], uv_px=uv, sd_px=np.full(uv.shape[:3], noise))
         centre = -np.linalg.solve(own.matrices[camera, :, :3], own.matrices[camera, :, 3])
-        limit = cache(partial(most_strange, prior, some, trunk))
+        trusted: list[LeftOut] = []
+
+        def doubt(noise_m: float, axes: Array, trusted: list[LeftOut] = trusted) -> LeftOut:
+            if not trusted:  # by V_z, of all methods
+                trusted.append(left_out(prior, some, trunk, noise_m, axes))
+            return trusted[0]
+
         found: dict[str, tuple[Array, Array | None]] = {}
         for name, one in every.items():
-            result: Found = track_views(one, views, limit=limit)
+            result: Found = track_views(one, views, doubt=doubt)
             empty = result.unlike.copy()
             empty[: part.start], empty[part.stop :] = True, True
             found[name] = np.where(empty[:, None, None], np.nan, result.estimate.xyz_m), result.joint

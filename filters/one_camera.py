@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from mocap.filters.errors import FilterError
@@ -20,6 +21,7 @@ from mocap.filters.subspace import bridge
 from mocap.filters.trajectory import Quadratic, covariance, factor, most_probable
 from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
@@ -51,7 +53,7 @@ class Found:
         poses: The most probable trajectory.
         costs: What it cost after each step of the last search.
         other: Probability of the mirror image.
-        unlike: (T,) frames whose seen markers fit worse than ``limit``.
+        unlike: (T,) frames whose seen markers fit worse than ``LeftOut.most``.
         residual_px: (T, M) what is left of the rays.
         loose: Whether bones did not lead to an end, and poses are those of rays alone.
     """
@@ -64,6 +66,25 @@ class Found:
     unlike: NDArray[np.bool_]
     residual_px: Array
     loose: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LeftOut:
+    """How trials fared that were left out.
+
+    Attributes:
+        most: What ``strange`` exceeds in ``ALARMS`` of their frames, where the others lack no phases.
+        strange: (G,) what it is, increasing.
+        wider: (G,) what variances there must be multiplied by, at least 1; it never falls.
+    """
+
+    most: float
+    strange: Array
+    wider: Array
+
+
+UNDOUBTED = LeftOut(most=np.inf, strange=np.zeros(1), wider=np.ones(1))
+"""Of no trials."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -162,7 +183,7 @@ def track_views(
     prior: PosePrior,
     views: Views,
     *,
-    limit: Callable[[float], float] = lambda _noise_m: np.inf,
+    doubt: Callable[[float, Array], LeftOut] = lambda _noise_m, _axes: UNDOUBTED,
     asked: Asked | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Found:
@@ -171,8 +192,8 @@ def track_views(
     Args:
         prior: What trials tell.
         views: What was seen; deviations are those of the pixels alone.
-        limit: Poses of which ``strange`` is more are unlike those of the trials (``most_strange``), by the noise of
-            rays in metres where the animal is.
+        doubt: How trials fared that were left out (``left_out``), by the noise of rays in metres where the animal is
+            and the axes of the mean body to the camera's.
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
 
@@ -183,7 +204,6 @@ def track_views(
     starts = starts_of(prior, views, every=every_so_many(prior))
     scale = px_per_m(views, starts.position_m)[:, None, None]
     views = replace(views, sd_px=np.maximum(views.sd_px, scale * prior.noise_m))
-    most = limit(float(np.median((views.sd_px / scale)[views.seen])))
     # what shapes leave is noise of the rays at first. It does not change with what is estimated: an animal that is
     # thought to be nearer would err by less, and what is most probable would be too near (by 5 to 10 % of the depth)
     recorded = Recorded(prior=prior, views=replace(views, sd_px=np.hypot(views.sd_px, scale * prior.left_sd[::3])))
@@ -206,14 +226,13 @@ def track_views(
         held, best, costs = held_by_bones(recorded, views, best)
     except FilterError:  # shapes that bones contradict, which was seen of animals unlike their trials
         loose = True
-    xyz = recorded.markers(best)
-    rows = recorded.rows(best)
-    rows = (best.rotation[:, None] @ rows.reshape(len(xyz), prior.markers, 3, -1)).reshape(rows.shape)
-    lags = counted_once(held, best, rows)
-    for m in range(prior.markers):
-        _add_left(prior, views, xyz, lags, m)
-    if other > UNDECIDED:
-        for lag, part in enumerate(lags):
+    xyz, lags = marked(held, recorded, views, best)
+    doubted = doubt(float(np.median((views.sd_px / scale)[views.seen])), _axes(views, best))
+    unlike = strange(recorded, best)
+    wider = np.sqrt(np.where(np.isfinite(unlike), np.interp(unlike, doubted.strange, doubted.wider), 1.0))
+    for lag, part in enumerate(lags):
+        part *= (wider[lag:] * wider[: len(xyz) - lag])[:, None, None]
+        if other > UNDECIDED:
             part += other * (1 - other) * apart[lag:, :, None] * apart[: len(xyz) - lag, None]
     blocks = lags[0].reshape(len(xyz), prior.markers, 3, prior.markers, 3)
     estimate = Estimate(
@@ -228,10 +247,36 @@ def track_views(
         poses=best,
         costs=tuple(costs),
         other=other,
-        unlike=strange(recorded, best) > most,
+        unlike=unlike > doubted.most,
         loose=loose,
         residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
     )
+
+
+def marked(held: Recorded, recorded: Recorded, pixels: Views, at: Poses) -> tuple[Array, list[Array]]:
+    """(T, M, 3) markers in the world, and their covariances (``counted_once``), with what shapes leave.
+
+    Args:
+        held: What was minimised.
+        recorded: What was seen; deviations contain what shapes leave.
+        pixels: The same; deviations are those of the pixels alone.
+        at: The most probable poses.
+    """
+    xyz, rows = recorded.markers(at), recorded.rows(at)
+    rows = (at.rotation[:, None] @ rows.reshape(*xyz.shape, -1)).reshape(rows.shape)
+    lags = counted_once(held, at, rows)
+    for m in range(xyz.shape[1]):
+        _add_left(recorded.prior, pixels, xyz, lags, m)
+    return xyz, lags
+
+
+def _axes(views: Views, at: Poses) -> Array:
+    """(3, 3) from the mean body to the camera that sees most."""
+    matrix = views.matrices[int(np.argmax(views.seen.sum(axis=(1, 2))))]
+    matrix = matrix * np.sign(np.median(at.position_m @ matrix[2, :3] + matrix[2, 3]))
+    axes = np.linalg.qr(matrix[::-1, :3].T)[0].T[::-1]
+    axes = axes * np.sign(np.sum(axes * matrix[:, :3], axis=1))[:, None]
+    return axes @ Rotation.from_matrix(at.rotation).mean().as_matrix()
 
 
 def every_so_many(prior: PosePrior) -> int:
@@ -251,19 +296,22 @@ def strange(recorded: Recorded, at: Poses) -> Array:
     return running(np.where(count > 0, cost, 0.0), count, recorded.prior.lasts)
 
 
-def most_strange(prior: PosePrior, trials: Sequence[MarkerTrial], trunk: Sequence[int], noise_m: float) -> float:
-    """What ``strange`` exceeds in ``ALARMS`` of the frames of trials that were not learned from.
+def left_out(
+    prior: PosePrior, trials: Sequence[MarkerTrial], trunk: Sequence[int], noise_m: float, axes: Array
+) -> LeftOut:
+    """How far poses of trials that were not learned from are off, by how badly what was seen of them fits.
 
-    Each trial (of a single one each half) is tracked with the shapes that the others tell, as a camera sees it that
-    looks along one of the body's axes: how far shapes and depth follow what is wrong depends on what one camera sees.
-    Misses are counted in the same deviations as those of the recording: fewer trials state others, and shapes follow
-    what they leave, which is smooth, but not the noise of rays.
+    Each trial (of a single one each half) is tracked as the camera sees it, with the shapes that the others tell; and
+    again with those that half of their frames tell, above or below the median of the first shape, as trials may lack
+    phases that a recording has. Misses are counted in the same deviations as those of the recording: fewer trials state
+    others, and shapes follow what they leave, which is smooth, but not the noise of rays.
 
     Args:
         prior: What all trials tell.
         trials: As of ``learn_prior``.
         trunk: Indices of the trunk's markers.
         noise_m: Deviation of the noise of rays, where the animal is.
+        axes: (3, 3) of the mean body to the camera's.
     """
     parts = list(trials)
     if len(parts) == 1:
@@ -272,9 +320,11 @@ def most_strange(prior: PosePrior, trials: Sequence[MarkerTrial], trunk: Sequenc
             replace(whole, t_s=whole.t_s[s], xyz_m=whole.xyz_m[s], sd_m=whole.sd_m[s])
             for s in (slice(half), slice(half, None))
         ]
+    phase = [(bridge(pose.y) - prior.mean) @ prior.basis[:, 0] for pose in poses_of(parts, trunk)]
+    above = [one > np.median(one[trial.seen.any(axis=1)]) for one, trial in zip(phase, parts, strict=True)]
     found = []
-    for k, own in enumerate(parts):
-        others = [*parts[:k], *parts[k + 1 :]]
+    for lacking, (k, own) in product((False, True), enumerate(parts)):
+        others = [_without(t, lacking & (a == k % 2)) for t, a in zip(parts, above, strict=True) if t is not own]
         part = replace(learn_prior(others, trunk), left_sd=prior.left_sd, left_decay=prior.left_decay)
         whole = poses_of([*others, own], trunk)[-1]
         some = np.arange(0, len(own.t_s), every_so_many(part))
@@ -283,16 +333,48 @@ def most_strange(prior: PosePrior, trials: Sequence[MarkerTrial], trunk: Sequenc
             rotation=whole.frames.rotation[some],
             z=(bridge(whole.y)[some] - part.mean) @ part.basis,
         )
-        for axis in range(3):
-            pixels = _from_afar(own, part, at, np.roll(np.eye(3), axis, axis=0), noise_m)
-            wider = np.hypot(1.0, part.left_sd[::3] / noise_m)
-            recorded = Recorded(prior=part, views=replace(pixels, sd_px=pixels.sd_px * wider))
-            start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
-            with suppress(FilterError):
-                pose = most_probable(recorded, between(start, some, len(own.t_s)))
-                found.append(strange(recorded, held_by_bones(recorded, pixels, pose)[1]))
-    known = np.concatenate([np.zeros(0), *found])
-    return float(np.quantile(known[np.isfinite(known)], 1 - ALARMS)) if np.isfinite(known).any() else np.inf
+        pixels = _from_afar(own, part, at, axes, noise_m)
+        wider = np.hypot(1.0, part.left_sd[::3] / noise_m)
+        recorded = Recorded(prior=part, views=replace(pixels, sd_px=pixels.sd_px * wider))
+        start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
+        with suppress(FilterError):
+            held, best, _ = held_by_bones(recorded, pixels, between(start, some, len(own.t_s)))
+            xyz, lags = marked(held, recorded, pixels, best)
+            found.append([strange(recorded, best), _squared(xyz, lags[0], own), np.full(len(xyz), lacking)])
+    unlike, squared, lacks = np.concatenate([np.zeros((3, 0)), *found], axis=1)
+    known = np.isfinite(unlike) & np.isfinite(squared)
+    order, usual = np.argsort(unlike[known], kind="stable"), unlike[known & (lacks == 0)]
+    if not len(usual):
+        return UNDOUBTED
+    groups = np.array_split(order, max(1, round(len(order) / prior.lasts)))  # frames that err alike
+    means = np.array([[one[known][group].mean() for group in groups] for one in (unlike, squared)])
+    return LeftOut(
+        most=float(np.quantile(usual, 1 - ALARMS)),
+        strange=means[0],
+        wider=np.maximum(isotonic_regression(means[1]).x, 1.0),
+    )
+
+
+def _without(trial: MarkerTrial, lacks: NDArray[np.bool_]) -> MarkerTrial:
+    """A trial of which some frames (T,) show nothing."""
+    return replace(
+        trial,
+        xyz_m=np.where(lacks[:, None, None], np.nan, trial.xyz_m),
+        sd_m=np.where(lacks[:, None], np.nan, trial.sd_m),
+    )
+
+
+def _squared(xyz_m: Array, joint: Array, trial: MarkerTrial) -> Array:
+    """(T,) mean square of errors over their deviations, relative to the mean of the markers that the trial has."""
+    markers, seen = trial.seen.shape[1], trial.seen
+    share = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
+    less = np.kron(np.eye(markers) - share[:, None, :], np.eye(3))
+    noise = np.repeat(np.where(seen, trial.sd_m, 0.0) ** 2, 3, axis=1)
+    error = np.where(seen[..., None], xyz_m - trial.xyz_m, 0.0).reshape(len(seen), -1, 1)
+    variance = np.sum((less @ (joint + noise[:, None] * np.eye(3 * markers))) * less, axis=2)
+    total = np.sum(np.repeat(seen, 3, axis=1) * (less @ error)[..., 0] ** 2 / variance, axis=1)
+    count = seen.sum(axis=1)
+    return np.where(count > 1, total / np.maximum(3 * count, 1), np.nan)
 
 
 def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noise_m: float) -> Views:

@@ -177,7 +177,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
     shapes = np.concatenate([z[k] for z, k in zip(smooth, keep, strict=True)])
     rate = np.concatenate([np.gradient(z, dt_s, axis=0)[k] for z, k in zip(smooth, keep, strict=True)])
     now, before, constant, noise = autoregression(smooth)
-    apart = parts if len(parts) > 1 else np.array_split(y, 2)
+    apart = parts if len(parts) > 1 else np.array_split(y[np.isfinite(y).any(axis=1)], 2)
     left = left_over(apart, rank)
     turn = [
         Rotation.from_matrix(np.swapaxes(p.frames.rotation[:-1], 1, 2) @ p.frames.rotation[1:]).as_rotvec()

@@ -13,7 +13,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from mocap.filters.errors import FilterError
-from scipy.linalg import cho_solve_banded, cholesky_banded, solve_triangular
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from eal.arrays import Array
 
@@ -100,26 +100,24 @@ def factor(form: Quadratic, damping: float = 0.0) -> Factor:
 
 def covariance(found: Factor) -> list[Array]:
     """(T - l, n, n) covariances of the states of frames t + l and t, for l = 0, 1, ..., L."""
-    (steps, n), lags = found.shape, found.lags
+    (steps, n), lags = found.shape, min(found.lags, found.shape[0] - 1)
     row, column = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-    own = np.where(
-        row >= column, found.band[np.maximum(row - column, 0), n * np.arange(steps)[:, None, None] + column], 0
-    )
-    out: list[Array] = [np.zeros((steps - lag, n, n)) for lag in range(min(lags, steps - 1) + 1)]
-    ahead = np.zeros((0, 0))  # covariance of the frames that follow
+    at = n * np.arange(steps)[:, None, None] + column
+    inverse = np.linalg.inv(np.where(row >= column, found.band[np.maximum(row - column, 0), at], 0))
+    below = np.zeros((steps, lags * n, n))
+    for lag in range(1, lags + 1):
+        below[: steps - lag, (lag - 1) * n : lag * n] = found.band[lag * n + row - column, at[: steps - lag]]
+    below, own = below @ inverse, np.swapaxes(inverse, 1, 2) @ inverse
+    out: list[Array] = [np.zeros((steps - lag, n, n)) for lag in range(lags + 1)]
+    ahead = np.zeros(((lags + 1) * n,) * 2)  # covariance of the frames that follow, and of one more
     for t in range(steps - 1, -1, -1):
-        follow = min(lags, steps - 1 - t)
-        below = np.concatenate(
-            [np.zeros((0, n)), *(found.band[lag * n + row - column, n * t + column] for lag in range(1, follow + 1))]
-        )
-        inverse = solve_triangular(own[t], np.eye(n), lower=True, check_finite=False)
-        across = -ahead @ (below @ inverse)
-        here = inverse.T @ (inverse - below.T @ across)
-        here = 0.5 * (here + here.T)
-        for lag in range(follow + 1):
-            out[lag][t] = here if lag == 0 else across[(lag - 1) * n : lag * n]
-        kept = min(follow, lags - 1) * n
-        ahead = np.block([[here, across[:kept].T], [across[:kept], ahead[:kept, :kept]]])
+        across = -ahead[:-n, :-n] @ below[t]
+        here = own[t] - below[t].T @ across
+        out[0][t] = here = 0.5 * (here + here.T)
+        for lag in range(1, min(lags, steps - 1 - t) + 1):
+            out[lag][t] = across[(lag - 1) * n : lag * n]
+        ahead[n:, n:] = ahead[:-n, :-n].copy()
+        ahead[:n, :n], ahead[n:, :n], ahead[:n, n:] = here, across, across.T
     return out
 
 

@@ -11,7 +11,7 @@ from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
 from mocap.filters.moving import asked_of
-from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, most_strange, shown, track_views
+from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
@@ -107,7 +107,7 @@ def track_one_camera(
     views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
     asked = asked_for(names, skeleton, n_frames=len(t_s))
     found = track_views(
-        prior, views, limit=partial(most_strange, prior, trials, trunk), asked=asked_of(own, asked), progress=progress
+        prior, views, doubt=partial(left_out, prior, trials, trunk), asked=asked_of(own, asked), progress=progress
     )
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
     found = replace(found, estimate=replace(found.estimate, xyz_m=believed))

@@ -3,14 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from eal.arrays import Array, frozen, increasing, short_repr, unique
 from eal.over_time import OverTime, Time
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Status(IntEnum):
@@ -187,11 +189,13 @@ class JointAngles:
         for name, size in sizes.items():
             object.__setattr__(self, name, frozen(name, getattr(self, name), size))
 
-    def to_frame(self, t_s: Array) -> pd.DataFrame:
+    def to_frame(self, t_s: Array) -> "pd.DataFrame":
         """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_deg`` and ``<name>_deg_sd``.
 
         Of a Lagrangian ``energy_j``, ``v_z`` and ``v_z_bound`` as well.
         """
+        import pandas as pd  # a quarter of a second, which a description of a table does without
+
         table = {"frame": np.arange(1, len(t_s) + 1), "t_s": t_s}
         for name, angle, sd in zip(self.names, np.degrees(self.angle_rad).T, np.degrees(self.sd_rad).T, strict=True):
             table |= {f"{name}_deg": angle, f"{name}_deg_sd": sd}

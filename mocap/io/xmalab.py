@@ -137,7 +137,7 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     return table_recording(
         path,
         "xmalab-rigid-bodies",
-        names=names,
+        names=tuple(names),
         frames=frames,
         tables={"transforms": matrices},
         findings=tuple(findings),

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -116,11 +117,14 @@ def test_a_head_that_does_not_come_is_given_up():
     with served(small()) as site:
         path, host = urlsplit(site.address).path, urlsplit(site.address).netloc
         before = f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n"
-        for sent in ("", "G", "GET PATH HTTP/1.1\r\nHost: x\r\n", "GET PATH HTTP/1.1\r\nX: x"):
-            for text in (sent, before + sent):
-                with connected(site.address) as one:
-                    one.sendall(text.replace("PATH", path).encode())
-                    until_closed(one)
+        with ExitStack() as every:  # each waits for its end, all at once
+            ones = []
+            for sent in ("", "G", "GET PATH HTTP/1.1\r\nHost: x\r\n", "GET PATH HTTP/1.1\r\nX: x"):
+                for text in (sent, before + sent):
+                    ones.append(every.enter_context(connected(site.address)))
+                    ones[-1].sendall(text.replace("PATH", path).encode())
+            for one in ones:
+                until_closed(one)
         with connected(site.address) as one:
             assert refused(one, b"x")
 

@@ -372,8 +372,9 @@ def _squared(xyz_m: Array, joint: Array, trial: MarkerTrial) -> Array:
     noise = np.repeat(np.where(seen, trial.sd_m, 0.0) ** 2, 3, axis=1)
     error = np.where(seen[..., None], xyz_m - trial.xyz_m, 0.0).reshape(len(seen), -1, 1)
     variance = np.sum((less @ (joint + noise[:, None] * np.eye(3 * markers))) * less, axis=2)
-    total = np.sum(np.repeat(seen, 3, axis=1) * (less @ error)[..., 0] ** 2 / variance, axis=1)
     count = seen.sum(axis=1)
+    used = np.repeat(seen & (count > 1)[:, None], 3, axis=1)  # of one marker nothing is relative
+    total = np.sum(np.where(used, (less @ error)[..., 0] ** 2 / np.where(used, variance, 1.0), 0.0), axis=1)
     return np.where(count > 1, total / np.maximum(3 * count, 1), np.nan)
 
 

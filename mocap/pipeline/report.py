@@ -19,6 +19,7 @@ from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.pipeline import sentences
 from mocap.pipeline.motion import MOVED, moved_report
+from mocap.pipeline.one_camera import NAME as ONE_CAMERA
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
@@ -272,7 +273,7 @@ def readable(report: Mapping, *, title: str) -> str:
     first, last = report["tracked_frames"]
     inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
     within = {name: report["samples"][name] / inside for name in ("measured", "smoothed", "predicted", "rejected")}
-    unit, film = unit_of(report), "plane" in report
+    unit, film, one_camera = unit_of(report), "plane" in report, report["model"]["name"] == ONE_CAMERA
     cameras = "one film" if film else number_of(len(report["cameras"]), "camera")
     lines = [
         f"# {plain(title)}",
@@ -285,7 +286,7 @@ def readable(report: Mapping, *, title: str) -> str:
         "",
         "| samples of the tracked frames | share |",
         "|---|---|",
-        f"| seen{'' if film else ' in 3D'} and accepted | {within['measured']:.1%} |",
+        f"| seen{'' if film or one_camera else ' in 3D'} and accepted | {within['measured']:.1%} |",
         f"| filled, inside gaps | {within['smoothed']:.1%} |",
         f"| extrapolated, before the first or after the last observation | {within['predicted']:.1%} |",
         f"| rejected | {within['rejected']:.1%} |",
@@ -302,10 +303,7 @@ def readable(report: Mapping, *, title: str) -> str:
         "",
         f"- standard deviation of measured samples {_two(sd['measured'], unit)}, of filled ones "
         f"{_two(sd['filled'], unit)} (median, 90 %)",
-        f"- of that of measured samples, repeatability (what varies from frame to frame) is "
-        f"{_two(sd['repeatability'], unit)}; the rest is accuracy: errors of clicks, lens and calibration that "
-        "last, and do not average out",
-        *_moved_lines(report["moved"], unit),
+        *([] if one_camera else _measured_lines(sd["repeatability"], report["moved"], unit)),
     ]
     if noise["jitter"] is not None:
         residual = report["residual_px"]
@@ -373,15 +371,21 @@ def readable(report: Mapping, *, title: str) -> str:
     return "\n".join([*lines, "", f"Time: {seconds}.", ""])
 
 
-def _moved_lines(found: Mapping, unit: str) -> list[str]:
-    """How far measured samples were moved, where any were."""
-    if found["largest"] is None:
-        return []
+def _measured_lines(repeated: Mapping, found: Mapping, unit: str) -> list[str]:
+    """Of points that cameras measured: how they repeat, and how far they were moved, where any were."""
     most = found["largest"]
+    lines = [
+        "- of that of measured samples, repeatability (what varies from frame to frame) is "
+        f"{_two(repeated, unit)}; the rest is accuracy: errors of clicks, lens and calibration that "
+        "last, and do not average out"
+    ]
+    if most is None:
+        return lines
     return [
+        *lines,
         f"- measured samples lie {found[f'median_{unit}']:.2f} {unit} (median), {found[f'90%_{unit}']:.2f} {unit} "
         f"(90 %) from where they were measured, at most {most[unit]:.2f} {unit} ({plain(most['marker'])}, frame "
-        f"{most['frame']}); {found['beyond_3_sd']} that lie more than 3 standard deviations away are marked rejected"
+        f"{most['frame']}); {found['beyond_3_sd']} that lie more than 3 standard deviations away are marked rejected",
     ]
 
 

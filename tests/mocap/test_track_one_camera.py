@@ -70,6 +70,8 @@ def test_positions_statuses_and_velocities_are_there_as_from_many_cameras(files,
     assert np.isfinite(found.motion.velocity_m_s[1:-1]).all()
     assert any("one camera alone" in said for said in found.report["findings"])
     assert "size of the animal is the model's" in found.report["model"]["why"]
+    for word in ("repeatability", "in 3D", "where they were measured"):  # no point was measured
+        assert word not in found.report_text
 
 
 def test_without_a_model_it_says_what_to_do(files):

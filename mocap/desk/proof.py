@@ -22,9 +22,10 @@ from mocap.desk.pictures import Pictures, pictures_of
 from mocap.errors import MocapError
 from mocap.pipeline.by_hand import errors_left, straightened, with_hand
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing
+from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, standing
 from mocap.pipeline.one_camera import of_one_camera
 from mocap.pipeline.recording import Recording
+from mocap.pipeline.retrack import AROUND, tracked_again
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
 
@@ -278,7 +279,7 @@ class Proof(Pictures):
         said = "; the model solves it when the trial is tracked again" if alone else ""
         for span in [] if alone else spans:
             try:
-                window, found = resolved(
+                window, found = tracked_again(
                     recording,
                     tracks,
                     sd_px=self._sd_px,

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -12,20 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cameras import triangulate
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
-from mocap.filters.models.registry import NAMED
-from mocap.pipeline.by_hand import straightened, without_hand
-from mocap.pipeline.recording import Recording, of_points
-from mocap.pipeline.tracking import Part, learn_motion, track, with_track
-from mocap.records import MarkerTracks, Status, marker_tracks
-from mocap.skeleton import Skeleton
+from mocap.pipeline.recording import Recording
+from mocap.records import Status
 
 What = Literal["place", "unseen", "exchange", "delete", "undo"]
-AROUND = 40
-"""Frames on either side of an edit that are filtered again; on the built-in bat at 500 frames a second half of them, or
-four times as many, put the corrected sample at the same place to 1e-8 m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,81 +236,3 @@ def _index(kind: str, name: str | None, known: Sequence[str]) -> int:
     if name is None or name not in known:
         raise MocapError(f"there is no {kind} {name!r}: there are {', '.join(known)}")
     return list(known).index(name)
-
-
-def resolved(
-    recording: Recording,
-    tracks: MarkerTracks,
-    *,
-    sd_px: float,
-    markers: Sequence[int],
-    first: int,
-    last: int,
-    cleaned: Recording | None = None,
-) -> tuple[slice, MarkerTracks]:
-    """Some markers again, in the frames around an edit: filtered as each by itself, with the noise of the whole.
-
-    It is what can be known at once; the whole recording, with all that markers tell of each other, is ``mocap.track``'s
-    to solve again.
-
-    Args:
-        recording: With edits; of pixels also with what was decided of them (``with_ideal_pixels``).
-        tracks: Of the whole, as they were: how these markers accelerate.
-        sd_px: Standard deviation of a coordinate of a pixel.
-        markers: Which.
-        first: Row of the first edited frame.
-        last: Row of the last.
-        cleaned: The whole, cleaned, with what a person placed (``mocap.pipeline.by_hand``); None: it is made.
-
-    Returns:
-        The frames, and what these markers do in them.
-
-    Raises:
-        MocapError: nothing is seen of them there.
-    """
-    window = slice(max(0, first - AROUND), last + 1 + AROUND)
-    which, seen = np.array(markers), recording.at(window)
-    names = tuple(recording.names[m] for m in which)
-    bare = Skeleton(name="markers only", markers=names)
-    measured = np.where((tracks.status == Status.MEASURED)[..., None], tracks.xyz_m, np.nan)[:, which]
-    if seen.pixels is None:
-        cov = tracks.cov_m2[window][:, which]
-        xyz = seen.xyz_m[:, which]
-        own = np.where(np.isfinite(cov), cov, np.nanmedian(tracks.cov_m2[:, which], axis=(0, 1)))
-        of = of_points(marker_tracks(names, seen.t_s, xyz, cov_m2=own), bare, name=recording.name)
-        of = of.having(rejected={"rays_miss": np.zeros(xyz.shape[:2], dtype=bool)})
-        of = replace(of, cleaned=True)
-    else:
-        if cleaned is None:
-            from mocap.pipeline.cleaning import clean  # it takes what is read, and edits are read
-
-            cleaned = clean(recording)
-        data, noise = cleaned.data.isel(keypoint=which, time=window), cleaned.noise
-        noise = None if noise is None else replace(noise, marker=noise.marker[which])
-        of = replace(cleaned, data=data, skeleton=bare, swaps=(), audited=(), noise=noise)
-        of = _as_named(of, without_hand(seen), which, sd_px) if of.cameras else of
-    if not np.isfinite(of.xyz_m[..., 0]).any():
-        raise MocapError(f"nothing is seen of {', '.join(names)} in the frames around: place it in two cameras")
-    part = Part(frames=slice(0, len(seen.t_s)), markers=np.arange(len(which)))
-    whole = of_points(marker_tracks(names, tracks.t_s, measured), bare, name=recording.name)
-    whole = replace(whole, cleaned=True)
-    long = Part(frames=slice(0, len(tracks.t_s)), markers=part.markers)
-    model = replace(learn_motion(whole, long, NAMED["constant_velocity"].settings), t_s=seen.t_s, rigid=None)
-    return window, with_track(of, part, "constant_velocity", track(of, part, model)).tracks
-
-
-def _as_named(of: Recording, seen: Recording, which: NDArray[np.int64], sd_px: float) -> Recording:
-    """Some markers of a recording that was cleaned before a person exchanged or deleted some of it (``seen``)."""
-    new = seen.edited[:, which] & ~of.by_hand.any(axis=0)
-    if not new.any() or seen.pixels is None:
-        return of
-    own = straightened(seen, seen.pixels.uv_px[:, :, which])[:, None, new]
-    found = triangulate.robust(of.matrices, own, sd_px=sd_px)
-    uv, scale, xyz, cov, status = (
-        np.array(a) for a in (of.uv_px, of.ray_scale_px, of.xyz_m, of.cov_m2, of.data["status"].values)
-    )
-    uv[:, new], scale[:, new] = np.where(found.rejected[..., None], np.nan, own)[:, 0], sd_px
-    xyz[new], cov[new] = found.xyz_m[0], found.cov_m2[0]
-    status[new] = np.where(np.isfinite(xyz[new, 0]), Status.MEASURED, Status.MISSING)
-    rejected = {reason: mask & ~new for reason, mask in of.rejected.items()}
-    return of.having(believed=uv, ray_scale=scale, position=xyz, covariance=cov, status=status, rejected=rejected)

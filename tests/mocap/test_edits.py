@@ -14,8 +14,9 @@ from mocap.cli.main import app
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, resolved, standing
+from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, standing
 from mocap.pipeline.recording import with_ideal_pixels
+from mocap.pipeline.retrack import tracked_again
 from mocap.records import Status
 from tests.mocap.desk.filmed_trial import FPS, GAP, trial
 from tests.mocap.digitising.filmed import NAMES
@@ -167,7 +168,7 @@ def test_a_click_settles_what_it_touches(scene):
     frame = GAP[5]
     sd = {}
     for name, edits in {"before": [], "after": placed(scene, frame, HAND)}.items():
-        window, found = resolved(edited(raw, edits), before, sd_px=0.3, markers=[HAND], first=frame, last=frame)
+        window, found = tracked_again(edited(raw, edits), before, sd_px=0.3, markers=[HAND], first=frame, last=frame)
         at = frame - window.start
         sd[name] = found.sd_m[:, 0]
         assert found.status[at, 0] == (Status.SMOOTHED if name == "before" else Status.MEASURED)

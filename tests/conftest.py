@@ -62,6 +62,7 @@ SLOW = {
     "filters/test_mixture.py": 4,
     "filters/test_observe.py": 6,
     "filters/test_one_camera.py": 11,
+    "filters/test_one_more_ray.py": 22,
     "filters/test_recording_alone.py": 2,
     "filters/test_rigid.py": 4,
     "filters/test_roughness.py": 3,

@@ -6,7 +6,7 @@ from functools import partial
 from itertools import chain, islice
 
 import numpy as np
-from mocap.filters.anatomy import Anatomy, anatomy_of
+from mocap.filters.anatomy import anatomy_of
 from mocap.filters.errors import FilterError
 from mocap.filters.hidden_gaps import (
     EACH_MARKER,
@@ -387,8 +387,7 @@ def track_with(
 
 
 def filled_alone(
-    recording: MarkerTrial,
-    anatomy: Anatomy,
+    trials: TrialSet,
     models: Mapping[str, TrajectoryModel],
     *,
     seed: int = 0,
@@ -398,14 +397,13 @@ def filled_alone(
     """How well models that learn from a recording alone fill gaps that are hidden in it, beside curves; by name.
 
     Args:
-        recording: Its markers as triangulated.
-        anatomy: What is known of the animal.
+        trials: The recording.
         models: The models, by name.
         seed: Where gaps are hidden.
         progress: Called with the share done.
         call_all: Makes the calls that do not wait for each other.
     """
-    gaps = gaps_like_own(TrialSet([recording], anatomy), times=1, seed=seed)
+    gaps = gaps_like_own(trials, times=1, seed=seed)
     if not gaps.hidden:
         return {}
     found = gaps.together(call_all(gaps.calls([*models.values()]), progress), [*models.values()])

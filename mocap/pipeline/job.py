@@ -131,8 +131,8 @@ def run_job(
             scores = {} if mixed is None else mixed.scores
         elif beside:
             with stages.stage("validate on hidden samples") as progress:
-                trial, anatomy = marker_trial(recording, part), trial_set(recording, part).anatomy
-                scores = filled_alone(trial, anatomy, beside, seed=seed, progress=progress, call_all=call_all)
+                trials = trial_set(recording, part)
+                scores = filled_alone(trials, beside, seed=seed, progress=progress, call_all=call_all)
         name, why = _choose(model, reason, scores)
         if learned is not None:
             name, why = "learned", _learned_from(learned, recording, part)

@@ -16,7 +16,7 @@ import pyarrow.parquet as parquet
 from eal.over_time import at_frames
 from mocap.errors import MocapError
 from mocap.io.tables import EDITED, REPAIRED, WORDS
-from mocap.io.tables_long import COVARIANCES, ParquetPoints
+from mocap.io.tables_long import COVARIANCES, LongTable
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
@@ -162,7 +162,7 @@ def read_markers(folder: Path, frames: range) -> tuple[MarkerTracks, np.ndarray]
         MocapError: there are no such frames.
         FormatError: the file cannot be read.
     """
-    points = ParquetPoints(folder / MARKERS)
+    points = LongTable(folder / MARKERS)
     if not 0 <= frames.start < frames.stop <= points.n_frames:
         raise MocapError(f"{folder}: has the frames 1 to {points.n_frames}, not {frames.start + 1} to {frames.stop}")
     return points.read(slice(frames.start, frames.stop))

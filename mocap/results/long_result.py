@@ -89,7 +89,7 @@ def write_in_blocks(
                 found = kinematics(run.motion, run.skeleton, recording=run.name)
                 rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
                 part, count = run.at(own), counts(cleaned, run, own)
-                writer.add(core, part.tracks, part.repaired, found, own, rows)
+                writer.add(core, part, found, own, rows)
             found_out.append(cleaned.findings)
             sums = count if sums is None else together(sums, count)
             shown = np.flatnonzero(np.isfinite(cleaned.xyz_m[own][..., 0]).any(axis=1)) + core.start

@@ -124,7 +124,7 @@ def learn_excerpts(recording: Recording, *, model: str = "auto", seed: int = 0) 
     try:
         if None not in reasons:
             raise MocapError(reasons[0] if reasons else "no marker is seen in the frames that are learned from")
-        return learn_from(shown, seed=seed), f"learned from {len(shown)} stretches of {length} frames of it"
+        return learn_from(shown, seed=seed), f"learned from {len(shown)} x {length} frames of it"
     except MocapError as error:
         if model == "mixture":
             raise MocapError(

@@ -17,9 +17,9 @@ from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, over_blocks
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LEAST, MOST, blocks_of, margin, track_block
+from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.recording import Recording, of_pixels, of_points
 from mocap.pipeline.tracking import learn_motion, seen_part
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording
@@ -271,3 +271,40 @@ def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
             if title in found:  # its noise of 0.1 mm is 0.1 degrees of the limb
                 np.testing.assert_allclose(found[title], whole[title], atol=0.2)
     assert "wing_flexion_deg" in found
+
+
+def test_rays_in_blocks_of_which_some_show_nothing(tmp_path, monkeypatch):
+    """The report has residuals and counts of all frames; where nothing is seen all is missing, and is written."""
+    monkeypatch.setattr("mocap.pipeline.blocks.MOST", 20)
+    monkeypatch.setattr("mocap.pipeline.blocks.LEAST", 10)
+    monkeypatch.setattr("mocap.pipeline.blocks.LEAST_S", 0.0)
+    film = make_bat(n_frames=400, n_cameras=3)
+    names, uv = film.truth.names[:9], np.array(film.pixels.uv_px[:, :, :9])
+    uv[:, 120:280] = np.nan
+    pixels = replace(film.pixels, names=names, uv_px=uv)
+    joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
+    skeleton = Skeleton(name="trunk", markers=names, trunk=names[4:8], joints=(joint,))
+    report = in_blocks(of_pixels(pixels, film.cameras, skeleton, name="bat"), tmp_path / "out", size=50)
+    assert report["tracked_frames"] == [1, 400]
+    assert report["samples"]["total"] == 400 * 9
+    assert report["samples"]["missing"] == pytest.approx(0.4, abs=0.15)  # less what is extrapolated
+    assert 0 < report["residual_px"]["50%"] < 2
+    assert report["joints"]["neck"]["samples"] > 30
+    assert not any("in 7 other blocks" in text and "corner" in text for text in report["findings"])
+    table = pd.read_parquet(tmp_path / "out" / "kinematics.parquet")
+    assert table["frame"].tolist() == list(range(1, 401))
+    assert table["neck_flexion_deg"][150:250].isna().all()
+    assert table["neck_flexion_deg"][:100].notna().all()
+    assert mocap.load(tmp_path / "out").report["cameras"] == [camera.name for camera in film.cameras]
+
+
+def test_a_mixture_is_learned_once(bat):
+    """Of stretches of the recording; those inside a block are no part of what it is tracked with."""
+    learned, why = learn_excerpts(bat)
+    assert why == "learned from 1 x 400 frames of it"
+    assert [trial.name for trial in learned.trials] == ["frames 1 to 400"]
+    run, cleaned, own = track_block(bat, range(200, 400), learned=learned, excerpts=True)
+    assert run.model == "learned"
+    assert own.stop - own.start == 200
+    hidden = np.isnan(cleaned.xyz_m[own][..., 0])
+    assert np.isfinite(run.xyz_m[own][hidden]).all()

@@ -97,7 +97,7 @@ SLOW = {
     "mocap/test_arrays.py": 4,
     "mocap/test_audit.py": 3,
     "mocap/test_audit_reports.py": 6,
-    "mocap/test_blocks.py": 16,
+    "mocap/test_blocks.py": 30,
     "mocap/test_by_hand.py": 7,
     "mocap/test_calibrate.py": 3,
     "mocap/test_calibrate_apart.py": 15,

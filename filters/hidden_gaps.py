@@ -46,7 +46,7 @@ class Effort:
     validated: int = 2
     most_frames: int = 500
     gaps: int = 10
-    times: int = 4
+    times: int = 2
 
 
 USUAL_EFFORT = Effort()

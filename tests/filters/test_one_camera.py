@@ -138,7 +138,7 @@ def test_phases_that_trials_lack_are_said():
     Intervals of 95 % hold 90 % of all frames, by errors of trials that were left out (without these 73 % where wings
     are never lowered in trials).
     """
-    trial, trunk = flapping(9), [NAMES.index(m) for m in TRUNK]
+    trial, trunk = flapping(9, frames=60), [NAMES.index(m) for m in TRUNK]
     views = views_of(filmed(trial, np.random.default_rng(0)))
     for lift, least, most in (((-0.6, 0.9), 0.0, 0.05), ((0.15, 0.9), 0.7, 1.0)):
         trials = [flapping(k, lift=lift) for k in (1, 2, 3)]

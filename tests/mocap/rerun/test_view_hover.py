@@ -65,7 +65,7 @@ def test_pointing_at_a_marker_reads_its_name_and_position(tmp_path):
         f"{paths.image('cam1')}/reprojected": run.reprojected_px[0, FRAME],
     }
     apart = np.linalg.norm(uv[:, None] - uv, axis=-1) + 1e3 * np.eye(len(uv))
-    lonely = [m for m in np.argsort(-apart.min(axis=1)) if markers.status[FRAME, m] == Status.MEASURED][0]
+    lonely = next(m for m in np.argsort(-apart.min(axis=1)) if markers.status[FRAME, m] == Status.MEASURED)
     with screen() as display, Headless(size=(700, 500), display=display) as viewer:
         run = loaded(viewer, run, tmp_path)
         with Pointer(viewer.client.url.removeprefix("rerun+").removesuffix("/proxy")) as pointer:

@@ -15,7 +15,7 @@ from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, fla
 
 @pytest.fixture(scope="module")
 def learned() -> Model:
-    """From two trials; how models are mixed does not matter here."""
+    """From three trials; how models are mixed does not matter here."""
     mixture = Mixture(
         offset=np.zeros(1),
         slope=np.zeros(1),
@@ -29,7 +29,7 @@ def learned() -> Model:
             names=NAMES,
             trunk=TRUNK,
             bones=(),
-            trials=tuple(flapping(k) for k in (1, 2)),
+            trials=tuple(flapping(k) for k in (1, 2, 3)),
             models=(PoseSettings(),),
             mixture=mixture,
             scores={},

@@ -8,7 +8,6 @@ import sys
 import textwrap
 import time
 from contextlib import contextmanager
-from urllib.parse import urlsplit
 
 import httpx2
 import numpy as np
@@ -31,6 +30,7 @@ from mocap.records import Status
 from mocap.rerun import share
 from mocap.skeleton import read_skeleton
 from mocap.web import served
+from tests.mocap.desk.conftest import client, until
 from tests.mocap.desk.filmed_trial import FPS, GAP, SWAPPED, trial
 from tests.mocap.digitising.filmed import NAMES, SIZE
 
@@ -52,11 +52,6 @@ def desk_of(scene, out):
         yield desk
 
 
-def client(address):
-    origin = "http://" + urlsplit(address).netloc
-    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=600)
-
-
 def tracked(desk):
     desk.track()
     while desk.progress()["running"]:
@@ -71,11 +66,6 @@ def worked(scene, tmp_path_factory):
         assert track_trial(desk.trials["flight"], OPTIONS, desk.out).status == "done"
         with served(desk_page(desk)) as site, client(site.address) as browser:
             yield desk, browser
-
-
-def until(driver, script):
-    while not driver.execute_script(f"return {script}"):
-        time.sleep(0.05)
 
 
 def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path, driver):

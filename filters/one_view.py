@@ -55,6 +55,11 @@ class Views:
         seen = self.seen[..., None]
         return np.where(seen, self.uv_px - at, 0.0), np.where(seen[..., None], slope / h[..., 2, None, None], 0.0)
 
+    @property
+    def fair(self) -> float:
+        """Mean cost of a ray whose deviation is right: log(1 + r^2 / dof) is then exponential with mean 2 / dof."""
+        return (self.dof + 2) / self.dof
+
     def cost(self, xyz_m: Array) -> Array:
         """(T,) minus log of the likelihood."""
         squared = np.sum(self.missed(xyz_m) ** 2, axis=-1)
@@ -185,7 +190,7 @@ class Recorded:
         slope, form = self.local(at)
         gradient += slope[:, :n]
         band[0][:] += form[:, :n, :n]
-        return Quadratic(value=self.cost(at), gradient=gradient, band=band)
+        return Quadratic(gradient=gradient, band=band)
 
     def _slopes(self, turns: Array) -> tuple[Array, Array, Array]:
         """(T - 2, n, n) change of the noise of the motion with the states of its frame and of the two before."""

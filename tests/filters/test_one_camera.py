@@ -148,6 +148,54 @@ def test_phases_that_trials_lack_are_said():
         assert np.mean(np.abs(found.estimate.xyz_m - trial.xyz_m) < 1.96 * sd) > 0.9
 
 
+@pytest.mark.parametrize(("seed", "least", "most"), [(1, 0.7, 1.0), (3, 0.0, 0.05)])
+def test_one_trial_is_believed_where_its_stated_deviations_hold(seed, least, most):
+    """One leads to poses that are lost, which nothing but the misfit tells; the other to 2 mm, in its intervals."""
+    trial, trunk = flapping(9, frames=60), [NAMES.index(m) for m in TRUNK]
+    views = views_of(filmed(trial, np.random.default_rng(0)))
+    found = track_views(learn_prior([flapping(seed)], trunk), views)
+    assert least <= found.unlike.mean() <= most
+    z = (found.estimate.xyz_m - trial.xyz_m) / np.sqrt(np.einsum("tmii->tmi", found.estimate.cov_m2))
+    assert np.mean(np.abs(z)[~found.unlike] < 1.96) > 0.9
+
+
+def test_halves_of_one_trial_tell_no_limit():
+    """What they lack of each other is no measure of another trial; of two trials there is one."""
+    trunk, trials = [NAMES.index(m) for m in TRUNK], [flapping(k, frames=40) for k in (1, 2)]
+    for some, finite in ((trials[:1], False), (trials, True)):
+        found = left_out(learn_prior(some, trunk), some, trunk, 5e-4, np.eye(3))
+        assert np.isfinite(found.most) == finite
+        assert (np.diff(found.wider) >= 0).all()
+        assert (found.wider >= 1).all()
+
+
+def test_a_ray_costs_what_is_fair_where_deviations_are_right():
+    """Student's t of two coordinates, 200,000 draws: 7/5, of which the standard error is 0.2 %."""
+    rng, count = np.random.default_rng(0), 200_000
+    miss = 0.5 * rng.normal(size=(count, 2)) / np.sqrt(rng.chisquare(5, size=(count, 1)) / 5)
+    views = views_of(MATRIX[:2, 2] + miss[None, None])
+    cost = views.cost(np.broadcast_to([0.0, 0.0, 1.0], (1, count, 3)))
+    assert cost[0] / count == pytest.approx(views.fair, rel=0.01)
+
+
+def test_a_frame_that_shows_too_little_is_as_strange_as_those_around(prior):
+    """Nothing is seen for 60 frames, after some that fit and before some that miss by 50 px: it rises all the way."""
+    trial, rng = flapping(9), np.random.default_rng(0)
+    still = replace(trial, xyz_m=np.repeat(trial.xyz_m[:1], len(trial.t_s), axis=0))
+    uv, middle = filmed(still, rng), still.xyz_m.mean(axis=1)
+    uv[:, 90:] += 50.0 * rng.normal(size=uv[:, 90:].shape)
+    uv[:, 30:90] = np.nan
+    at = Poses(
+        position_m=middle,
+        rotation=np.tile(np.eye(3), (len(middle), 1, 1)),
+        z=np.zeros((len(middle), prior.rank)),
+    )
+    short = replace(prior, mean=(still.xyz_m[0] - middle[0]).ravel(), left_decay=0.5)
+    found = one_camera.strange(Recorded(prior=short, views=views_of(uv)), at)
+    assert found[:30].max() < found[90:].min()
+    assert (np.diff(found[35:85]) > 0).all()
+
+
 def test_a_single_trial_may_lack_its_first_half(prior):
     """What it leaves is learned from halves of the frames that it shows."""
     trial = flapping(1)

@@ -297,7 +297,7 @@ def strange(recorded: Recorded, at: Poses) -> Array:
     """
     count = recorded.views.seen.sum(axis=(0, 2))
     count = np.where(count >= LEAST_MARKERS, count, 0)
-    cost = recorded.views.cost(recorded.markers(at))
+    cost = recorded.views.misfit(recorded.markers(at))
     return bridge(running(np.where(count > 0, cost, 0.0), count, recorded.prior.lasts)[:, None])[:, 0]
 
 

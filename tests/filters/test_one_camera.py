@@ -178,6 +178,16 @@ def test_a_ray_costs_what_is_fair_where_deviations_are_right():
     assert cost[0] / count == pytest.approx(views.fair, rel=0.01)
 
 
+def test_wrong_clicks_are_no_unknown_pose(prior):
+    """One ray in forty is off by 80 px: of a trial like those that taught 3 % are called unlike (41 if each counts)."""
+    trial, rng = flapping(9), np.random.default_rng(0)
+    uv = filmed(trial, rng)
+    wrong = rng.random(uv.shape[:3]) < 0.025
+    uv[wrong] += 80.0 * rng.normal(size=(int(wrong.sum()), 2))
+    found = one_camera.track_views(prior, views_of(uv))
+    assert found.unlike.mean() < 0.05
+
+
 def test_a_frame_that_shows_too_little_is_as_strange_as_those_around(prior):
     """Nothing is seen for 60 frames, after some that fit and before some that miss by 50 px: it rises all the way."""
     trial, rng = flapping(9), np.random.default_rng(0)

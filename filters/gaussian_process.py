@@ -87,15 +87,17 @@ class Covariance:
     def __call__(self, a: Rows, b: Rows) -> Array:
         """(n, m) covariances between rows, without noise."""
         out = a.x @ b.x.T
-        bent = _square(a, b, out)
-        bent *= -self.sharp
-        np.exp(bent, out=bent)
+        bent = 2 * self.sharp * out  # in place from here: at these sizes a fresh array costs as much as a product
+        bent -= self.sharp * np.sum(a.x**2, axis=1)[:, None]
+        bent -= self.sharp * np.sum(b.x**2, axis=1)
+        np.exp(np.minimum(bent, 0.0, out=bent), out=bent)
         out *= self.linear
         out += self.curved * bent
         for trial in np.intersect1d(a.trial, b.trial):
             here, there = a.trial == trial, b.trial == trial
             both = (slice(None), slice(None)) if here.all() and there.all() else np.ix_(here, there)
-            u = np.abs((np.sqrt(3) / self.memory) * (a.t[here][:, None] - b.t[there]))
+            u = (np.sqrt(3) / self.memory) * (a.t[here][:, None] - b.t[there])
+            np.abs(u, out=u)
             more = np.exp(-u)
             u += 1
             more *= u
@@ -163,10 +165,10 @@ def predict(covariance: Covariance, rows: Rows, y: Array) -> tuple[Array, Array]
     """
     n = len(y)
     every = covariance(rows, Rows(x=rows.x[:n], trial=rows.trial[:n], t=rows.t[:n]))
-    cross = every[n:]
-    factor = cho_factor(every[:n] + covariance.noise * np.eye(n), lower=True)
+    every[np.diag_indices(n)] += covariance.noise
+    cross, factor = every[n:], cho_factor(every[:n].T, lower=True, overwrite_a=True, check_finite=False)
     solved = cho_solve(factor, y)
-    explained = np.sum(solve_triangular(factor[0], cross.T, lower=True) ** 2, axis=0)
+    explained = np.sum(solve_triangular(factor[0], cross.T, lower=True, check_finite=False) ** 2, axis=0)
     prior = covariance.prior(rows)[n:]
     left = np.maximum(prior - explained, 1e-6 * prior)
     return cross @ solved, left[:, None] * np.mean(y * solved, axis=0)

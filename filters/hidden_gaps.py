@@ -9,7 +9,7 @@ import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.hide import Hidden, excerpt, hide_neighbours, hide_own, lengths_for
 from mocap.filters.interpolate import interpolated
-from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
+from mocap.filters.mixture import Mixture, learn_mixture
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn, shares
 from mocap.filters.models.constant_velocity import MarkerSettings
@@ -46,7 +46,7 @@ class Effort:
     validated: int = 2
     most_frames: int = 500
     gaps: int = 10
-    times: int = 4
+    times: int = 2
 
 
 USUAL_EFFORT = Effort()
@@ -174,20 +174,19 @@ def _part(trial: MarkerTrial, inside: slice) -> MarkerTrial:
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
 
 
-def gaps_like_own(trials: TrialSet, *, times: int, seed: int = 0) -> HiddenGaps:
+def gaps_like_own(trials: TrialSet, *, seed: int = 0) -> HiddenGaps:
     """Gaps like the recording's own, hidden in it (``hide_own``); where it has none, any (``hide_neighbours``).
+
+    Those in the 300 frames of which most is hidden are filled.
 
     Args:
         trials: Trials; the last is the recording.
-        times: So many draws, of each the stretch of 300 frames of which most is hidden.
         seed: Where to.
     """
-    trial, rng, most, found = trials.trials[-1], np.random.default_rng(seed), 300, []
-    for turn in range(times):
-        hidden = within(hide_own(trial, rng), most)
-        found.append(hidden if hidden.gaps else hide_neighbours(best_of(trial, most), rng, turn=turn))
-    last = len(trials.trials) - 1
-    return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, one) for one in found if one.gaps])
+    trial, rng, most = trials.trials[-1], np.random.default_rng(seed), 300
+    hidden = within(hide_own(trial, rng), most)
+    hidden = hidden if hidden.gaps else hide_neighbours(best_of(trial, most), rng, turn=0)
+    return _of_the_last(trials, hidden)
 
 
 def own_gaps(trials: TrialSet) -> HiddenGaps:
@@ -198,9 +197,12 @@ def own_gaps(trials: TrialSet) -> HiddenGaps:
     Args:
         trials: Trials; the last is the recording.
     """
-    own = hide_neighbours(best_of(trials.trials[-1], 500), np.random.default_rng(0))
-    last = len(trials.trials) - 1
-    return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, own)] if own.gaps else [])
+    return _of_the_last(trials, hide_neighbours(best_of(trials.trials[-1], 500), np.random.default_rng(0)))
+
+
+def _of_the_last(trials: TrialSet, hidden: Hidden[MarkerTrial]) -> HiddenGaps:
+    every, last = trials.trials, len(trials.trials) - 1
+    return HiddenGaps(trials=every, anatomy=trials.anatomy, hidden=[(last, hidden)] if hidden.gaps else [])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -222,22 +224,3 @@ def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel], call_all: CallAll
     """How models are mixed, by how they fill hidden gaps."""
     residuals = gaps.fill(models, call_all)
     return Mixed(models=tuple(models), mixture=learn_mixture(residuals), residuals=residuals)
-
-
-def crossed(residuals: Sequence[Residuals]) -> Residuals | None:
-    """What a mixture misses gaps by that it was not learned from: each fifth of them, by that of the others.
-
-    Args:
-        residuals: What each model missed them by.
-
-    Returns:
-        None: there is one gap.
-    """
-    fold = np.unique(residuals[0].gap, return_inverse=True)[1] % 5
-    if not fold.any():
-        return None
-    parts = []
-    for k in range(fold.max() + 1):
-        known = learn_mixture([part.some(fold != k) for part in residuals])
-        parts.append(mixed_residuals(known, [part.some(fold == k) for part in residuals]))
-    return joined(parts)

@@ -121,14 +121,49 @@ def learn_mixture(residuals: Sequence[Residuals]) -> Mixture:
     Args:
         residuals: What each model missed the same hidden samples by.
     """
-    chosen, gap = _mixture(residuals), residuals[0].gap
-    fold = np.unique(gap, return_inverse=True)[1] % 5
+    return _Fifths(residuals).mixture()
+
+
+def crossed(residuals: Sequence[Residuals]) -> Residuals | None:
+    """What a mixture misses gaps by that it was not learned from: each fifth of them, by that of the others.
+
+    Args:
+        residuals: What each model missed them by.
+
+    Returns:
+        None: there is one gap.
+    """
+    fifths = _Fifths(residuals)
+    if len(fifths.every) < 2:
+        return None
     parts = []
-    for k in np.unique(fold):
-        here = fold == k
-        known = chosen if here.all() else _mixture([part.some(~here) for part in residuals])
-        parts.append(mixed_residuals(known, [part.some(here) for part in residuals]))
-    return replace(chosen, **_width(joined(parts), prior=1.0, dof=float(residuals[0].error_m.shape[1])))
+    for k in fifths.every:
+        known = fifths.mixture(k)
+        parts.append(mixed_residuals(known, [part.some(fifths.fold == k) for part in residuals]))
+    return joined(parts)
+
+
+class _Fifths:
+    """Mixtures of some fifths of the hidden gaps; weights that several of them share are learned once."""
+
+    def __init__(self, residuals: Sequence[Residuals]) -> None:
+        self.residuals, self.known = residuals, dict[frozenset[int], Mixture]()
+        self.fold = np.unique(residuals[0].gap, return_inverse=True)[1] % 5
+        self.every = set(np.unique(self.fold).tolist())
+
+    def mixture(self, *left: int) -> Mixture:
+        """Of all fifths but some; its width is that of each fifth by the mixture of the others."""
+        chosen, parts = self._chosen({*left}), []
+        for k in sorted(self.every.difference(left)):
+            known = self._chosen({*left, k}) if len(self.every.difference(left)) > 1 else chosen
+            parts.append(mixed_residuals(known, [part.some(self.fold == k) for part in self.residuals]))
+        return replace(chosen, **_width(joined(parts), prior=1.0, dof=float(self.residuals[0].error_m.shape[1])))
+
+    def _chosen(self, left: set[int]) -> Mixture:
+        key, kept = frozenset(left), ~np.isin(self.fold, [*left])
+        if key not in self.known:
+            self.known[key] = _mixture([part.some(kept) for part in self.residuals])
+        return self.known[key]
 
 
 def mixed_residuals(mixture: Mixture, residuals: Sequence[Residuals]) -> Residuals:
@@ -162,6 +197,7 @@ def _width(found: Residuals, *, prior: float, dof: float) -> dict[str, float]:
     count, n_axes = int(gap.max()) + 1, found.error_m.shape[1]
     squared, noise, shown = prior**2, found.noise[:, None], 0.0
     for _ in range(20):  # Fisher scoring: ten rounds were enough on seven recordings, to 1e-9
+        before = squared
         variance = squared * found.variance
         share = (variance / (variance + noise)) ** 2
         excess = share * ((found.error_m**2 - noise) / variance - 1)
@@ -171,6 +207,8 @@ def _width(found: Residuals, *, prior: float, dof: float) -> dict[str, float]:
         varies = np.sum(apart**2) / share.sum() ** 2 * count / max(count - 1, 1)
         shown = 2 / max(varies, 2 / (count * n_axes))
         squared = (dof * prior**2 + shown * squared * max(1 + mean, 0.0)) / (dof + shown)
+        if abs(squared - before) < 1e-13 * before:
+            break
     return {"widen": float(np.sqrt(squared)), "dof": float(dof + shown)}
 
 

@@ -15,14 +15,13 @@ from mocap.filters.hidden_gaps import (
     Effort,
     HiddenGaps,
     Mixed,
-    crossed,
     gaps_like_own,
     hidden_gaps,
     mixed,
     own_gaps,
 )
 from mocap.filters.hide import gap_lengths, nearest_length
-from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
+from mocap.filters.mixture import Mixture, crossed, learn_mixture, mixed_residuals
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
@@ -211,7 +210,7 @@ def track_alone(
         None: no gap could be hidden.
     """
     trials = TrialSet([recording], anatomy_of(names, trunk, bones, bodies=bodies))
-    gaps = gaps_like_own(trials, times=2, seed=seed)
+    gaps = gaps_like_own(trials, seed=seed)
     if not gaps.hidden:
         return None
     models, more = models_alone(settings, trials), [*(compared or {}).values()]
@@ -376,7 +375,7 @@ def track_with(
     models, gaps = models_of(learned, trials), own_gaps(trials)
     hidden: list[tuple[HiddenGaps, Sequence[TrajectoryModel]]] = [(gaps, models)]
     if compared is not None:
-        like = gaps_like_own(trials, times=1, seed=seed)
+        like = gaps_like_own(trials, seed=seed)
         hidden += [(like, models), (like.alone(), [*compared.values()])]
     every, (own, *found) = _estimates(models, trials, observations, hidden, asked, progress, call_all)
     track = every.mixed(learned.mixture.calibrated(own) if gaps.hidden else learned.mixture)
@@ -403,7 +402,7 @@ def filled_alone(
         progress: Called with the share done.
         call_all: Makes the calls that do not wait for each other.
     """
-    gaps = gaps_like_own(trials, times=1, seed=seed)
+    gaps = gaps_like_own(trials, seed=seed)
     if not gaps.hidden:
         return {}
     found = gaps.together(call_all(gaps.calls([*models.values()]), progress), [*models.values()])

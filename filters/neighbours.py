@@ -34,23 +34,22 @@ class Neighbours:
     shape: Array
 
     @classmethod
-    def of(cls, which: NDArray[np.bool_], poses: Array, apart: Array, *, rounds: int = 3) -> "Neighbours":
+    def of(cls, which: NDArray[np.bool_], poses: Array, apart: Array) -> "Neighbours":
         """Of poses (n, M, 3) without gaps, and what each of the k markers moves apart from the one that is asked for.
+
+        Poses are aligned once, with their mean: they are seen from the body already.
 
         Args:
             which: (M,) the k markers.
             poses: See above.
             apart: (k,) see above.
-            rounds: Of alignment; the first is with the first pose.
         """
         weight = (apart / max(float(np.median(apart)), 1e-12) + 0.05) ** -float(POWER)
         points = poses[:, which]
-        found = cls(which, weight / weight.sum(), np.zeros(points.shape[1:]))
-        mean = points[0]
-        for _ in range(rounds):
-            found = cls(which, found.weight, mean - found.weight @ mean)
-            mean = found._frames(points).to_body(points).mean(axis=0)
-        return found
+        weight /= weight.sum()
+        mean = points.mean(axis=0)
+        mean = cls(which, weight, mean - weight @ mean)._frames(points).to_body(points).mean(axis=0)
+        return cls(which, weight, mean - weight @ mean)
 
     def frames(self, poses: Array) -> BodyFrames:
         """Frames of poses (n, M, 3): the origin is the weighted mean, the axes are those of the mean shape."""

@@ -56,7 +56,8 @@ class Found:
         poses: The most probable trajectory.
         costs: What it cost after each step of the last search.
         other: Probability of the mirror image.
-        unlike: (T,) frames whose seen markers fit worse than ``LeftOut.most``, or than where deviations are right.
+        unlike: (T,) frames whose seen markers fit worse than ``LeftOut.most``; where no trial tells that, worse than
+            where deviations are right (``Views.fair``).
         wider: (T,) what deviations were multiplied by, as ``LeftOut.wider`` says.
         residual_px: (T, M) what is left of the rays.
         loose: Whether bones did not lead to an end, and poses are those of rays alone.
@@ -78,7 +79,8 @@ class LeftOut:
     """How trials fared that were left out.
 
     Attributes:
-        most: What ``strange`` exceeds in ``ALARMS`` of their frames, where the others lack no phases.
+        most: What ``strange`` exceeds in ``ALARMS`` of their frames, where the others lack no phases; infinite: none
+            tells.
         strange: (G,) what it is, increasing.
         wider: (G,) what variances there must be multiplied by, at least 1; it never falls.
     """
@@ -229,7 +231,7 @@ def track_views(
         loose = True
     xyz, lags = marked(held, recorded, views, best)
     doubted = doubt(float(np.median((views.sd_px / scale)[views.seen])), _axes(views, best))
-    unlike = strange(recorded, best)
+    unlike = bridge(strange(recorded, best)[:, None])[:, 0]  # where too little is seen as in the frames around
     wider = np.sqrt(np.interp(unlike, doubted.strange, doubted.wider))
     for lag, part in enumerate(lags):
         part *= (wider[lag:] * wider[: len(xyz) - lag])[:, None, None]
@@ -248,7 +250,7 @@ def track_views(
         poses=best,
         costs=tuple(costs),
         other=other,
-        unlike=unlike > min(doubted.most, recorded.views.fair),
+        unlike=unlike > (doubted.most if np.isfinite(doubted.most) else recorded.views.fair),
         wider=wider,
         loose=loose,
         residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
@@ -290,7 +292,7 @@ def every_so_many(prior: PosePrior) -> int:
 
 
 def strange(recorded: Recorded, at: Poses) -> Array:
-    """(T,) how badly seen markers fit poses; where too few are seen, as in the frames before and after.
+    """(T,) how badly seen markers fit poses; NaN where too few are seen.
 
     Minus log of Student's t, as rays are believed by, a ray, in the time in which what shapes leave errs alike. A phase
     that trials lack is drawn to the nearest that they have, and misses what was seen: poses are invented there.
@@ -298,7 +300,7 @@ def strange(recorded: Recorded, at: Poses) -> Array:
     count = recorded.views.seen.sum(axis=(0, 2))
     count = np.where(count >= LEAST_MARKERS, count, 0)
     cost = recorded.views.misfit(recorded.markers(at))
-    return bridge(running(np.where(count > 0, cost, 0.0), count, recorded.prior.lasts)[:, None])[:, 0]
+    return running(np.where(count > 0, cost, 0.0), count, recorded.prior.lasts)
 
 
 def left_out(
@@ -348,7 +350,7 @@ def left_out(
             xyz, lags = marked(held, recorded, pixels, best, within=ROUGHLY)
             found.append([strange(recorded, best), _squared(xyz, lags[0], own), np.full(len(xyz), lacking or single)])
     unlike, squared, lacks = np.concatenate([np.zeros((3, 0)), *found], axis=1)
-    known = np.isfinite(squared)
+    known = np.isfinite(unlike) & np.isfinite(squared)
     if not known.any():
         return UNDOUBTED
     order, usual = np.argsort(unlike[known], kind="stable"), unlike[known & (lacks == 0)]

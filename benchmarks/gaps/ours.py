@@ -22,7 +22,7 @@ from mocap.pipeline.learning import learn_from
 def effort() -> Effort:
     """What a user's ``learn`` does; less with ``--quick``, as all methods do."""
     much = plan.get()
-    return Effort() if much.trials > 1 else Effort(validated=1, most_frames=much.frames, times=2)
+    return Effort() if much.trials > 1 else Effort(validated=1, most_frames=much.frames)
 
 
 @dataclass(frozen=True)

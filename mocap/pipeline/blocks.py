@@ -265,7 +265,7 @@ def _mixture(recording: LongRecording, trials: Sequence[MarkerTrial], seed: int)
             rng,
             bones=skeleton.rigid,
             models=[EACH_MARKER, PoseSettings(ranks=(8,))],
-            effort=Effort(most_frames=300, times=2),
+            effort=Effort(most_frames=300),
             call_all=call_all,
         )
     except MocapError:

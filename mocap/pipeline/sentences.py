@@ -179,10 +179,9 @@ def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, 
         text = f"the pose or its mirror image: the other has a probability of {other:.0%}, and intervals cover both"
         found.append(Finding(kind="mirror image", text=text, numbers={"probability": other}))
     if strange:
-        text = (
-            f"{strange} frames show poses unlike those of the trials and were left empty: seen markers fit worse "
-            "than in 99 % of the frames of trials that a model was not learned from, or miss by more than is stated"
-        )
+        usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
+        worse = "miss by more than the model states" if trials == 1 else usual
+        text = f"{strange} frames show poses unlike those of the trials and were left empty: seen markers {worse}"
         found.append(Finding(kind="unlike poses", text=text, numbers={"frames": strange}))
     if (wider > 1).any():
         share, times = float(np.mean(wider > 1)), float(np.sqrt(np.mean(wider[wider > 1] ** 2)))

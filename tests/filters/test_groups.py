@@ -13,7 +13,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import smooth, smooth_together
 from mocap.filters.velocities import Asked
 
-T = 60
+T = 40
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def bat():
     film = make_bat(n_frames=T, n_cameras=2)
     rng = np.random.default_rng(0)
     xyz = film.truth.xyz_m + 3e-4 * rng.standard_normal(film.truth.xyz_m.shape)
-    xyz[30:45, 3::4] = np.nan
+    xyz[18:30, 3::4] = np.nan
     trial = MarkerTrial(name="bat", t_s=film.truth.t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 3e-4))
     anatomy = anatomy_of(film.truth.names, film.skeleton.trunk, film.skeleton.rigid)
     model = PoseSettings(ranks=(6,), regression=0.0).fit(TrialSet([trial], anatomy)).motion

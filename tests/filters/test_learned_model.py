@@ -140,7 +140,9 @@ def test_joint_angles_are_mixed_in_where_bones_hang_on_a_trunk(flights, filled):
     A recording that shows no marker of a limb is tracked all the same.
     """
     trials, rng = [trial for trial, _ in flights[:2]], np.random.default_rng(0)
-    learned = learn_model(NAMES, TRUNK, trials, rng, models=WITH_JOINTS, bones=BONES, effort=Effort(times=1))
+    learned = learn_model(
+        NAMES, TRUNK, trials, rng, models=WITH_JOINTS, bones=BONES, effort=Effort(validated=1, times=1)
+    )
     assert [type(model).__name__ for model in learned.models] == [
         "LastingSettings",
         "ArticulatedSettings",

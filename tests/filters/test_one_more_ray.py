@@ -16,7 +16,7 @@ from mocap.cameras.triangulate import linear, refine
 from tests.filters.flapping_trials import NAMES, TRUNK, flapping
 from tests.mocap.rigs import ring
 
-GAP, WING = slice(45, 70), [NAMES.index(name) for name in ("elbow_l", "wrist_l", "tip_l")]
+FRAMES, GAP, WING = 80, slice(30, 55), [NAMES.index(name) for name in ("elbow_l", "wrist_l", "tip_l")]
 RIGS = {"all around": stacked(ring(4)), "from one side": stacked(ring(14)[:4])}
 MODELS = {
     "steady velocity": STEADY_MARKER,
@@ -28,7 +28,7 @@ MODELS = {
 
 def filmed(rig: str, seed: int, rays: int) -> tuple[PixelObservations, np.ndarray]:
     """A flapping animal of which so many cameras see a wing for 25 frames; and where it is."""
-    trial, rng, matrices = flapping(seed), np.random.default_rng(seed), RIGS[rig]
+    trial, rng, matrices = flapping(seed, frames=FRAMES), np.random.default_rng(seed), RIGS[rig]
     truth = trial.xyz_m - trial.xyz_m.mean(axis=(0, 1))
     uv = project(matrices, truth) + 0.5 * rng.standard_normal((4, *truth.shape[:2], 2))
     for marker in WING:
@@ -51,7 +51,7 @@ def test_errors_and_intervals_fall(model, rig):
     for seed in (1, 2, 3):
         seen, truth = filmed(rig, seed, 0)
         sd_m = np.sqrt(np.trace(seen.cov_m2, axis1=-2, axis2=-1) / 3)
-        trials = [replace(flapping(seed), xyz_m=seen.xyz_m, sd_m=sd_m)]
+        trials = [replace(flapping(seed, frames=FRAMES), xyz_m=seen.xyz_m, sd_m=sd_m)]
         learned = MODELS[model].fit(TrialSet(trials, Anatomy(tuple(NAMES.index(name) for name in TRUNK))))
         found = [learned.fill(filmed(rig, seed, rays)[0]) for rays in range(4)]
         missed.append([(one.xyz_m - truth)[GAP][:, WING] for one in found])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from eal.joint_design import DesignError, Truss, equilibria, follow
 from tests.reference import planar_truss
@@ -18,13 +19,13 @@ def series(k1, k2, law="linear"):
     )
 
 
-def braced(d, rng):
-    """A truss with two internal nodes between four fixed ones and the moving point, in d dimensions."""
-    fixed = 2.0 * rng.standard_normal((4, d))
+def braced(rng):
+    """A truss in space with two internal nodes between four fixed ones and the moving point."""
+    fixed = 2.0 * rng.standard_normal((4, 3))
     ends = [(0, 5), (1, 5), (2, 6), (3, 6), (5, 6), (5, 4), (6, 4), (0, 4), (3, 5), (1, 6)]
     return Truss(
         fixed_m=fixed,
-        internal_m=0.3 * rng.standard_normal((2, d)),
+        internal_m=0.3 * rng.standard_normal((2, 3)),
         ends=np.array(ends),
         rest_m=rng.uniform(0.8, 1.6, len(ends)),
         stiffness_n_m=rng.uniform(1.0, 4.0, len(ends)),
@@ -55,7 +56,7 @@ def test_springs_in_series_are_one_spring():
 
 def test_energy_is_that_of_a_simplex_search(rng):
     """Nelder and Mead's simplex, without derivatives, ends within 1e-10 J of the same minimum from the same start."""
-    truss, q = braced(3, rng), 0.8 * rng.standard_normal(3)
+    truss, q = braced(rng), 0.8 * rng.standard_normal(3)
     ours = equilibria(truss, q[None])
     _, energy = planar_truss.settled(truss, q, ours.x_m[0] + 1e-3)
     assert ours.found[0]
@@ -66,18 +67,17 @@ def test_energy_is_that_of_a_simplex_search(rng):
 
 def test_force_and_stiffness_are_derivatives(rng):
     """Central differences of U and of its gradient over 1e-5: error of order 1e-10 times third derivatives, 1e-6."""
-    d = 3
-    truss, q = braced(d, rng), 0.5 * rng.standard_normal(d)
+    truss, q = braced(rng), 0.5 * rng.standard_normal(3)
     at, h = equilibria(truss, q[None]), 1e-5
-    moved = equilibria(truss, np.concatenate([q + h * np.eye(d), q - h * np.eye(d)]), at.x_m[0])
-    np.testing.assert_allclose(at.force_n[0], (moved.energy_j[:d] - moved.energy_j[d:]) / (2 * h), atol=1e-6)
-    np.testing.assert_allclose(at.stiffness_n_m[0], (moved.force_n[:d] - moved.force_n[d:]) / (2 * h), atol=1e-6)
+    moved = equilibria(truss, np.concatenate([q + h * np.eye(3), q - h * np.eye(3)]), at.x_m[0])
+    np.testing.assert_allclose(at.force_n[0], (moved.energy_j[:3] - moved.energy_j[3:]) / (2 * h), atol=1e-6)
+    np.testing.assert_allclose(at.stiffness_n_m[0], (moved.force_n[:3] - moved.force_n[3:]) / (2 * h), atol=1e-6)
 
 
 def test_a_turned_truss_has_the_same_energy(rng):
     """Turning nodes and point together changes neither energy nor stretch, however large the turn."""
-    truss, q = braced(2, rng), np.array([[0.4, -0.3]])
-    turn = np.array([[np.cos(2.0), -np.sin(2.0)], [np.sin(2.0), np.cos(2.0)]])
+    truss, q = braced(rng), np.array([[0.4, -0.3, 0.2]])
+    turn = Rotation.from_rotvec([1.2, -1.2, 1.0]).as_matrix()
     turned = Truss(
         fixed_m=truss.fixed_m @ turn.T,
         internal_m=truss.internal_m @ turn.T,
@@ -93,7 +93,7 @@ def test_a_turned_truss_has_the_same_energy(rng):
 
 def test_scales_are_units(rng):
     """Metres times 3 and joules times 7: the energy is 7 times, at 3 times the place."""
-    truss, q = braced(2, rng), np.array([[0.4, -0.3]])
+    truss, q = braced(rng), np.array([[0.4, -0.3, 0.2]])
     scaled = equilibria(truss.scaled(metres=3.0, joules=7.0), 3.0 * q)
     np.testing.assert_allclose(scaled.energy_j, 7.0 * equilibria(truss, q).energy_j, rtol=1e-10)
 

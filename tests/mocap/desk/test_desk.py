@@ -8,7 +8,6 @@ import sys
 import textwrap
 import time
 from contextlib import contextmanager
-from urllib.parse import urlsplit
 
 import httpx2
 import numpy as np
@@ -28,8 +27,10 @@ from mocap.io.manifest import current
 from mocap.io.output import result_file
 from mocap.pipeline.edits import read_edits
 from mocap.records import Status
+from mocap.rerun import share
 from mocap.skeleton import read_skeleton
 from mocap.web import served
+from tests.mocap.desk.conftest import client, until
 from tests.mocap.desk.filmed_trial import FPS, GAP, SWAPPED, trial
 from tests.mocap.digitising.filmed import NAMES, SIZE
 
@@ -51,11 +52,6 @@ def desk_of(scene, out):
         yield desk
 
 
-def client(address):
-    origin = "http://" + urlsplit(address).netloc
-    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=600)
-
-
 def tracked(desk):
     desk.track()
     while desk.progress()["running"]:
@@ -70,11 +66,6 @@ def worked(scene, tmp_path_factory):
         assert track_trial(desk.trials["flight"], OPTIONS, desk.out).status == "done"
         with served(desk_page(desk)) as site, client(site.address) as browser:
             yield desk, browser
-
-
-def until(driver, script):
-    while not driver.execute_script(f"return {script}"):
-        time.sleep(0.05)
 
 
 def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path, driver):
@@ -136,9 +127,14 @@ def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path, driver):
     assert ",edited" in (out / "flight" / "markers.csv").read_text()
 
 
-def test_a_result_is_passed_on_as_one_page(worked):
-    """With the command that does the same, of a result for which no recording was written."""
+def test_a_result_is_passed_on_as_one_page(worked, monkeypatch):
+    """With the command that does the same, of a result for which no recording was written.
+
+    What the page holds of the viewer is looked at in `tests/mocap/rerun/test_view_share.py`: its program is left out.
+    """
     desk, browser = worked
+    page, script, _ = share.fetched_viewer()
+    monkeypatch.setattr(share, "fetched_viewer", lambda: (page, script, b""))
     answer = browser.post("pass", json={"trial": "flight", "kind": "page"})
     assert answer.status_code == 200, answer.text
     assert b"<title>flight</title>" in (desk.out / "flight" / "page" / "index.html").read_bytes()

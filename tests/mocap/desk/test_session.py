@@ -2,9 +2,7 @@
 
 import asyncio
 import json
-import time
 from contextlib import contextmanager
-from urllib.parse import urlsplit
 
 import httpx2
 import numpy as np
@@ -21,7 +19,7 @@ from mocap.desk.session import SAVED, open_session
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
 from mocap.web import page, served
-from tests.mocap.desk.conftest import requests_of
+from tests.mocap.desk.conftest import client, requests_of, until
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
 
 
@@ -59,18 +57,6 @@ def shown(session):
     desk = Desk(out=session.folder, trials={}, options=Options(), proof=session)
     with served(desk_page(desk)) as site:
         yield site.address
-
-
-def client(address):
-    """What asks as the page does."""
-    origin = "http://" + urlsplit(address).netloc
-    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=600)
-
-
-def until(driver, script):
-    """Wait for a condition of the page."""
-    while not driver.execute_script(f"return {script}"):
-        time.sleep(0.05)
 
 
 def test_clicks_in_a_browser_become_tracks(scene, tmp_path, driver):

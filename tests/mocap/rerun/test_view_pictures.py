@@ -30,7 +30,7 @@ NEAR = 60.0  # of 441: shading darkens the rim of a ball and blends it with what
 @pytest.fixture(scope="module")
 def viewer():
     need_vulkan()
-    with Headless() as headless:
+    with Headless(size=(640, 460)) as headless:
         yield headless
 
 
@@ -203,7 +203,7 @@ def test_what_is_hidden_in_a_view_is_gone(viewer, layered, name):
         assert amount(whole, color) > 8 + 2 * amount(without, color), path
 
 
-@pytest.mark.parametrize(("n_cameras", "size"), [(4, (760, 1000)), (10, (1200, 450))])
+@pytest.mark.parametrize(("n_cameras", "size"), [(4, (570, 750)), (8, (900, 340))])
 def test_wide_and_narrow_windows_show_the_animal_and_every_camera(tmp_path, n_cameras, size):
     """In any window the scene shows the body, and each camera's tile some of it: no picture of one colour."""
     need_vulkan()

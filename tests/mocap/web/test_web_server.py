@@ -250,19 +250,6 @@ def gone(address):
         time.sleep(0.1)
 
 
-def test_ctrl_c_ends_the_command(films, tmp_path):
-    """It answers, and ends in order: exit 0."""
-    process, address = started(films, tmp_path / "out")
-    try:
-        assert httpx2.get(address + "open?trial=").json()["n_frames"] == 3
-        process.send_signal(signal.SIGINT)
-        assert process.wait(600) == 0
-        gone(address)
-    finally:
-        process.kill()
-        process.communicate()
-
-
 @pytest.mark.skipif(os.name != "posix", reason="processes of Windows have no parent that changes")
 def test_the_page_ends_with_the_parent(films, tmp_path):
     """A parent that is killed cannot tell; its page ends all the same."""
@@ -278,10 +265,10 @@ def test_the_page_ends_with_the_parent(films, tmp_path):
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")
-def test_a_large_post_takes_no_memory(films, tmp_path):
+def test_a_large_post_takes_no_memory_and_ctrl_c_ends_the_command(films, tmp_path):
     """1.5 GB, declared or in chunks, with the token: refused, and what the process holds at most stays as it was.
 
-    Within 8 MB: the guard keeps 64 kB, asyncio reads 256 kB at once, h11 16 kB.
+    Within 8 MB: the guard keeps 64 kB, asyncio reads 256 kB at once, h11 16 kB. At Ctrl-C it ends in order: exit 0.
     """
     process, address = started(films, tmp_path / "out")
     try:
@@ -298,6 +285,10 @@ def test_a_large_post_takes_no_memory(films, tmp_path):
                 assert refused(one, part, most=1500, pause_s=0)
             assert httpx2.get(address + "overview").status_code == 200
             assert peak_kb(process) - before < 8_000, length
+        assert httpx2.get(address + "open?trial=").json()["n_frames"] == 3
+        process.send_signal(signal.SIGINT)
+        assert process.wait(600) == 0
+        gone(address)
     finally:
         process.kill()
         process.communicate()

@@ -18,7 +18,7 @@ from mocap.filters.poses import MarkerTrial, poses_of
 from mocap.filters.rays_and_bones import held_by_bones
 from mocap.filters.records import Estimate
 from mocap.filters.subspace import bridge
-from mocap.filters.trajectory import Quadratic, covariance, factor, most_probable
+from mocap.filters.trajectory import SETTLED, Quadratic, covariance, factor, most_probable
 from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
@@ -32,6 +32,9 @@ STARTS = 3
 UNDECIDED = 0.05
 """A trajectory that starts from mirror images is told of where it is more probable than this."""
 
+
+ROUGHLY = 1.0
+"""Trials that are left out are tracked until nothing moves by so many deviations: numbers by under 1 % of theirs."""
 
 ALARMS = 0.01
 """Share of the frames of a trial like those that were learned from whose poses are called unlike them."""
@@ -53,7 +56,9 @@ class Found:
         poses: The most probable trajectory.
         costs: What it cost after each step of the last search.
         other: Probability of the mirror image.
-        unlike: (T,) frames whose seen markers fit worse than ``LeftOut.most``.
+        unlike: (T,) frames whose seen markers fit worse than ``LeftOut.most``; where no trial tells that, worse than
+            where deviations are right (``Views.fair``).
+        wider: (T,) what deviations were multiplied by, as ``LeftOut.wider`` says.
         residual_px: (T, M) what is left of the rays.
         loose: Whether bones did not lead to an end, and poses are those of rays alone.
     """
@@ -64,6 +69,7 @@ class Found:
     costs: tuple[float, ...]
     other: float
     unlike: NDArray[np.bool_]
+    wider: Array
     residual_px: Array
     loose: bool
 
@@ -73,7 +79,8 @@ class LeftOut:
     """How trials fared that were left out.
 
     Attributes:
-        most: What ``strange`` exceeds in ``ALARMS`` of their frames, where the others lack no phases.
+        most: What ``strange`` exceeds in ``ALARMS`` of their frames, where the others lack no phases; infinite: none
+            tells.
         strange: (G,) what it is, increasing.
         wider: (G,) what variances there must be multiplied by, at least 1; it never falls.
     """
@@ -141,11 +148,7 @@ class Left:
         after[: max(steps - 2, 0)] -= 2 * two * rho**3
         eye = np.eye(3)
         band = (own[:, None, None] * eye + stiff[:, 0], after[:, None, None] * eye, later[:, None, None] * eye)
-        return Quadratic(
-            value=self.cost(e),
-            gradient=gradient,
-            band=band,
-        )
+        return Quadratic(gradient=gradient, band=band)
 
     def moved(self, e: Array, step: Array) -> Array:
         """See ``trajectory.Problem``."""
@@ -228,8 +231,8 @@ def track_views(
         loose = True
     xyz, lags = marked(held, recorded, views, best)
     doubted = doubt(float(np.median((views.sd_px / scale)[views.seen])), _axes(views, best))
-    unlike = strange(recorded, best)
-    wider = np.sqrt(np.where(np.isfinite(unlike), np.interp(unlike, doubted.strange, doubted.wider), 1.0))
+    unlike = bridge(strange(recorded, best)[:, None])[:, 0]  # where too little is seen as in the frames around
+    wider = np.sqrt(np.interp(unlike, doubted.strange, doubted.wider))
     for lag, part in enumerate(lags):
         part *= (wider[lag:] * wider[: len(xyz) - lag])[:, None, None]
         if other > UNDECIDED:
@@ -247,13 +250,16 @@ def track_views(
         poses=best,
         costs=tuple(costs),
         other=other,
-        unlike=unlike > doubted.most,
+        unlike=unlike > (doubted.most if np.isfinite(doubted.most) else recorded.views.fair),
+        wider=wider,
         loose=loose,
         residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
     )
 
 
-def marked(held: Recorded, recorded: Recorded, pixels: Views, at: Poses) -> tuple[Array, list[Array]]:
+def marked(
+    held: Recorded, recorded: Recorded, pixels: Views, at: Poses, *, within: float = SETTLED
+) -> tuple[Array, list[Array]]:
     """(T, M, 3) markers in the world, and their covariances (``counted_once``), with what shapes leave.
 
     Args:
@@ -261,12 +267,13 @@ def marked(held: Recorded, recorded: Recorded, pixels: Views, at: Poses) -> tupl
         recorded: What was seen; deviations contain what shapes leave.
         pixels: The same; deviations are those of the pixels alone.
         at: The most probable poses.
+        within: See ``most_probable``.
     """
     xyz, rows = recorded.markers(at), recorded.rows(at)
     rows = (at.rotation[:, None] @ rows.reshape(*xyz.shape, -1)).reshape(rows.shape)
     lags = counted_once(held, at, rows)
     for m in range(xyz.shape[1]):
-        _add_left(recorded.prior, pixels, xyz, lags, m)
+        _add_left(recorded.prior, pixels, xyz, lags, m, within)
     return xyz, lags
 
 
@@ -292,7 +299,7 @@ def strange(recorded: Recorded, at: Poses) -> Array:
     """
     count = recorded.views.seen.sum(axis=(0, 2))
     count = np.where(count >= LEAST_MARKERS, count, 0)
-    cost = recorded.views.cost(recorded.markers(at))
+    cost = recorded.views.misfit(recorded.markers(at))
     return running(np.where(count > 0, cost, 0.0), count, recorded.prior.lasts)
 
 
@@ -303,8 +310,9 @@ def left_out(
 
     Each trial (of a single one each half) is tracked as the camera sees it, with the shapes that the others tell; and
     again with those that half of their frames tell, above or below the median of the first shape, as trials may lack
-    phases that a recording has. Misses are counted in the same deviations as those of the recording: fewer trials state
-    others, and shapes follow what they leave, which is smooth, but not the noise of rays.
+    phases that a recording has. Halves of a single trial lack each other's, and tell no limit. Misses are counted in
+    the same deviations as those of the recording: fewer trials state others, and shapes follow what they leave, which
+    is smooth, but not the noise of rays.
 
     Args:
         prior: What all trials tell.
@@ -313,8 +321,8 @@ def left_out(
         noise_m: Deviation of the noise of rays, where the animal is.
         axes: (3, 3) of the mean body to the camera's.
     """
-    parts = list(trials)
-    if len(parts) == 1:
+    parts, single = list(trials), len(trials) == 1
+    if single:
         whole, half = parts[0], len(parts[0].t_s) // 2
         parts = [
             replace(whole, t_s=whole.t_s[s], xyz_m=whole.xyz_m[s], sd_m=whole.sd_m[s])
@@ -325,7 +333,7 @@ def left_out(
     found = []
     for lacking, (k, own) in product((False, True), enumerate(parts)):
         others = [_without(t, lacking & (a == k % 2)) for t, a in zip(parts, above, strict=True) if t is not own]
-        part = replace(learn_prior(others, trunk), left_sd=prior.left_sd, left_decay=prior.left_decay)
+        part = learn_prior(others, trunk, whole=prior)
         whole = poses_of([*others, own], trunk)[-1]
         some = np.arange(0, len(own.t_s), every_so_many(part))
         at = Poses(
@@ -338,18 +346,18 @@ def left_out(
         recorded = Recorded(prior=part, views=replace(pixels, sd_px=pixels.sd_px * wider))
         start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
         with suppress(FilterError):
-            held, best, _ = held_by_bones(recorded, pixels, between(start, some, len(own.t_s)))
-            xyz, lags = marked(held, recorded, pixels, best)
-            found.append([strange(recorded, best), _squared(xyz, lags[0], own), np.full(len(xyz), lacking)])
+            held, best, _ = held_by_bones(recorded, pixels, between(start, some, len(own.t_s)), within=ROUGHLY)
+            xyz, lags = marked(held, recorded, pixels, best, within=ROUGHLY)
+            found.append([strange(recorded, best), _squared(xyz, lags[0], own), np.full(len(xyz), lacking or single)])
     unlike, squared, lacks = np.concatenate([np.zeros((3, 0)), *found], axis=1)
     known = np.isfinite(unlike) & np.isfinite(squared)
-    order, usual = np.argsort(unlike[known], kind="stable"), unlike[known & (lacks == 0)]
-    if not len(usual):
+    if not known.any():
         return UNDOUBTED
+    order, usual = np.argsort(unlike[known], kind="stable"), unlike[known & (lacks == 0)]
     groups = np.array_split(order, max(1, round(len(order) / prior.lasts)))  # frames that err alike
     means = np.array([[one[known][group].mean() for group in groups] for one in (unlike, squared)])
     return LeftOut(
-        most=float(np.quantile(usual, 1 - ALARMS)),
+        most=float(np.quantile(usual, 1 - ALARMS)) if len(usual) else np.inf,
         strange=means[0],
         wider=np.maximum(isotonic_regression(means[1]).x, 1.0),
     )
@@ -420,7 +428,7 @@ def counted_once(recorded: Recorded, at: Poses, rows: Array) -> list[Array]:
     ]
 
 
-def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], marker: int) -> None:
+def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], marker: int, within: float) -> None:
     """Move a marker by what its rays say of what shapes leave, and its covariances with it.
 
     Where rays tell that, they take back what the pose errs by: of an error of the pose (post / prior) is left.
@@ -431,7 +439,7 @@ def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], m
     problem = Left(views=own, xyz_m=xyz_m[:, marker : marker + 1].copy(), sd_m=sd, decay=prior.left_decay)
     left = np.zeros((len(xyz_m), 3))
     with suppress(FilterError):  # rays that are hundreds of deviations off are hardly believed: the shape's place stays
-        left = most_probable(problem, left)
+        left = most_probable(problem, left, within=within)
     known = covariance(factor(problem.quadratic(left)))
     kept = known[0] / sd**2
     for lag, part in enumerate(lags):

@@ -55,10 +55,25 @@ class Views:
         seen = self.seen[..., None]
         return np.where(seen, self.uv_px - at, 0.0), np.where(seen[..., None], slope / h[..., 2, None, None], 0.0)
 
+    @property
+    def fair(self) -> float:
+        """Mean cost of a ray whose deviation is right: log(1 + r^2 / dof) is then exponential with mean 2 / dof."""
+        return (self.dof + 2) / self.dof
+
+    def _rays(self, xyz_m: Array) -> Array:
+        """(C, T, M) minus log of the likelihood of each ray; 0 where not seen."""
+        return 0.5 * (self.dof + 2) * np.log1p(np.sum(self.missed(xyz_m) ** 2, axis=-1) / self.dof)
+
     def cost(self, xyz_m: Array) -> Array:
         """(T,) minus log of the likelihood."""
-        squared = np.sum(self.missed(xyz_m) ** 2, axis=-1)
-        return 0.5 * (self.dof + 2) * np.log1p(squared / self.dof).sum(axis=(0, 2))
+        return self._rays(xyz_m).sum(axis=(0, 2))
+
+    def misfit(self, xyz_m: Array) -> Array:
+        """(T,) the same, each ray as the median of it and its neighbours in time: one wrong click is no pose."""
+        rays, seen = (np.pad(one, ((0, 0), (1, 1), (0, 0))) for one in (self._rays(xyz_m), self.seen))
+        own = rays[:, 1:-1]
+        sides = [np.where(seen[:, at], rays[:, at], own) for at in (slice(None, -2), slice(2, None))]
+        return np.where(self.seen, np.median([own, *sides], axis=0), 0.0).sum(axis=(0, 2))
 
     def pulled(self, xyz_m: Array) -> tuple[Array, Array]:
         """Gradient (T, M, 3) of the cost by the markers, and its second derivatives (T, M, 3, 3) by Gauss-Newton.
@@ -185,7 +200,7 @@ class Recorded:
         slope, form = self.local(at)
         gradient += slope[:, :n]
         band[0][:] += form[:, :n, :n]
-        return Quadratic(value=self.cost(at), gradient=gradient, band=band)
+        return Quadratic(gradient=gradient, band=band)
 
     def _slopes(self, turns: Array) -> tuple[Array, Array, Array]:
         """(T - 2, n, n) change of the noise of the motion with the states of its frame and of the two before."""

@@ -152,12 +152,13 @@ SHAPES = 8
 """Shapes of a pose that one camera is asked for: 6, 8 and 10 err within 5 % of each other on four flights of a bat."""
 
 
-def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrior:
+def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, whole: PosePrior | None = None) -> PosePrior:
     """Learn from trials of the same markers and frame rate; animals of other sizes are brought to that of the last.
 
     Args:
         trials: What to learn from.
         trunk: Indices of the trunk's markers.
+        whole: What shapes leave is as said there; None: by trials that are left out.
     """
     size_sd = size_spread(trials)
     sized = [*sized_like(trials[:-1], trials[-1]), trials[-1]]
@@ -177,14 +178,17 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
     shapes = np.concatenate([z[k] for z, k in zip(smooth, keep, strict=True)])
     rate = np.concatenate([np.gradient(z, dt_s, axis=0)[k] for z, k in zip(smooth, keep, strict=True)])
     now, before, constant, noise = autoregression(smooth)
-    apart = parts if len(parts) > 1 else np.array_split(y[np.isfinite(y).any(axis=1)], 2)
-    left = left_over(apart, rank)
     turn = [
         Rotation.from_matrix(np.swapaxes(p.frames.rotation[:-1], 1, 2) @ p.frames.rotation[1:]).as_rotvec()
         for p in poses
     ]
     moved = [np.diff(p.frames.position_m, axis=0) for p in poses]
-    decay = float(np.exp(-MATERN_3_HALF * dt_s / half_life_s(left, dt_s)))
+    if whole is None:
+        apart = parts if len(parts) > 1 else np.array_split(y[np.isfinite(y).any(axis=1)], 2)
+        left = left_over(apart, rank)
+        left_sd, decay = np.repeat(marker_sd(left), 3), float(np.exp(-MATERN_3_HALF * dt_s / half_life_s(left, dt_s)))
+    else:
+        left_sd, decay = whole.left_sd, whole.left_decay
     unseen = float(np.mean(unseen_potential(shapes)))
     step = np.cov(np.concatenate([np.diff(z, axis=0) for z in smooth]).T).reshape(rank, rank)
     return PosePrior(
@@ -199,7 +203,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrio
         hold=Barrier(learn_potential(shapes), 0.5 * rank / max(unseen, 1e-9)),
         body_noise=np.median([body_density(p) for p in poses], axis=0) * dt_s**3,
         body_step=np.mean(np.concatenate([np.concatenate(moved), np.concatenate(turn)], axis=1) ** 2, axis=0) + 1e-12,
-        left_sd=np.repeat(marker_sd(left), 3),
+        left_sd=left_sd,
         noise_m=float(np.nanmedian(np.concatenate([t.sd_m[t.seen] for t in trials]))),
         left_decay=decay,
         size_sd=size_sd,

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mocap.filters.one_view import Poses, Recorded, Views, positive
-from mocap.filters.trajectory import most_probable
+from mocap.filters.trajectory import SETTLED, most_probable
 
 from eal.arrays import Array
 
@@ -122,13 +122,16 @@ def about(recorded: Recorded, pixels: Views, at: Poses) -> RaysAndBones:
     return problem
 
 
-def held_by_bones(recorded: Recorded, pixels: Views, at: Poses) -> tuple[RaysAndBones, Poses, list[float]]:
+def held_by_bones(
+    recorded: Recorded, pixels: Views, at: Poses, *, within: float = SETTLED
+) -> tuple[RaysAndBones, Poses, list[float]]:
     """The most probable poses by rays and bones, near those by rays alone.
 
     Args:
         recorded: See ``about``.
         pixels: See ``about``.
         at: Where to begin.
+        within: See ``most_probable``.
 
     Returns:
         The problem near its end, the poses, and what they cost after each step of the last search.
@@ -139,5 +142,5 @@ def held_by_bones(recorded: Recorded, pixels: Views, at: Poses) -> tuple[RaysAnd
     costs: list[float] = []
     for _ in range(LINEARISED):
         costs = []
-        at = most_probable(about(recorded, pixels, at), at, tell=costs.append)
+        at = most_probable(about(recorded, pixels, at), at, within=within, tell=costs.append)
     return about(recorded, pixels, at), at, costs

@@ -28,12 +28,10 @@ class Quadratic:
     """A cost near a trajectory, to second order.
 
     Attributes:
-        value: The cost there.
         gradient: (T, n) by the states.
         band: (T - l, n, n) second derivatives by the states of frame t + l (rows) and t, for l = 0, 1, ..., L.
     """
 
-    value: float
     gradient: Array
     band: tuple[Array, ...]
 
@@ -125,6 +123,7 @@ def most_probable(
     problem: Problem[X],
     start: X,
     *,
+    within: float = SETTLED,
     tell: Callable[[float], None] = lambda _cost: None,
 ) -> X:
     """The trajectory of the least cost near a start.
@@ -132,15 +131,16 @@ def most_probable(
     Args:
         problem: What is minimised.
         start: Where to begin.
+        within: Nothing moves by more than so many of its standard deviations in the last step.
         tell: Called with the cost after each step that lowered it.
 
     Raises:
         FilterError: the cost at the start is not finite, or no end was found.
     """
-    at, damping = start, 1e-3
-    form = problem.quadratic(at)
-    if not np.isfinite(form.value):
+    at, least, damping = start, problem.cost(start), 1e-3
+    if not np.isfinite(least):
         raise FilterError("the most probable trajectory: the start is impossible")
+    form = problem.quadratic(at)
     for _ in range(MOST_STEPS):
         try:
             step = factor(form, damping).solve(-form.gradient)
@@ -150,19 +150,20 @@ def most_probable(
         gain = -float(np.sum(form.gradient * step))
         there = problem.moved(at, step)
         cost = problem.cost(there)
-        bend = cost - form.value + gain  # the cost along the step is about value - gain s + bend s^2
+        bend = cost - least + gain  # the cost along the step is about value - gain s + bend s^2
         if np.isfinite(bend) and 2 * bend > gain:
             short = problem.moved(at, gain / (2 * bend) * step)
             less = problem.cost(short)
             if less < cost:
                 there, cost = short, less
-        if cost <= form.value:
-            at, form = there, problem.quadratic(there)
+        if cost <= least:
+            at, least = there, cost
             tell(cost)
-            if gain <= SETTLED**2 and damping <= 0.1:
+            if gain <= within**2 and damping <= 0.1:
                 return at
+            form = problem.quadratic(at)
             damping = max(0.1 * damping, 1e-9)
-        elif gain <= SETTLED**2 and damping <= 0.1:  # rounding of a cost that is as low as it gets
+        elif gain <= within**2 and damping <= 0.1:  # rounding of a cost that is as low as it gets
             return at
         else:
             damping = max(10 * damping, 1e-6)

@@ -115,10 +115,10 @@ def track_one_camera(
         f"learned from {', '.join(trial.name for trial in trials)}; the size of the animal is the model's, within "
         f"{prior.size_sd:.1%} (standard deviation)"
     )
-    return _cleaned(film, part, found, noise), part, found.estimate, asked, why
+    return _cleaned(film, part, found, noise, len(trials)), part, found.estimate, asked, why
 
 
-def _cleaned(film: Recording, part: Part, found: Found, noise: float) -> Recording:
+def _cleaned(film: Recording, part: Part, found: Found, noise: float, trials: int) -> Recording:
     """The recording as others are cleaned: with the points that were found where a marker was seen."""
     n_cameras, n_frames, n_markers, _ = film.ideal_px.shape
     seen = film.seen.any(axis=0)
@@ -141,5 +141,7 @@ def _cleaned(film: Recording, part: Part, found: Found, noise: float) -> Recordi
         most_speed=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
     )
-    told = sentences.one_camera(other, int(found.unlike.sum()), loose=found.loose)
+    told = sentences.one_camera(
+        other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose
+    )
     return replace(done, cleaned=True, jitter_px=noise, told=(), findings=(*film.told, *film.findings, *told))

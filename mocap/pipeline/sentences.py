@@ -160,12 +160,14 @@ def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least:
     return [Finding(kind="likelihoods", text=text, numbers={"clicks": count})]
 
 
-def one_camera(other: float | None, strange: int, *, loose: bool) -> list[Finding]:
+def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, loose: bool) -> list[Finding]:
     """What one camera alone leaves open.
 
     Args:
         other: Probability of the mirror image of the pose; None: it is out of the question.
         strange: Frames whose poses are unlike those of the trials.
+        wider: (T,) what standard deviations of the other frames were multiplied by, at least 1.
+        trials: Number of trials.
         loose: Whether the lengths of bones could not be kept.
     """
     alone = (
@@ -177,11 +179,25 @@ def one_camera(other: float | None, strange: int, *, loose: bool) -> list[Findin
         text = f"the pose or its mirror image: the other has a probability of {other:.0%}, and intervals cover both"
         found.append(Finding(kind="mirror image", text=text, numbers={"probability": other}))
     if strange:
-        text = (
-            f"{strange} frames show poses unlike those of the trials and were left empty; of frames of trials that a "
-            "model was not learned from, 1 % are"
-        )
+        usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
+        worse = "miss by more than the model states" if trials == 1 else usual
+        text = f"{strange} frames show poses unlike those of the trials and were left empty: seen markers {worse}"
         found.append(Finding(kind="unlike poses", text=text, numbers={"frames": strange}))
+    if (wider > 1).any():
+        share, times = float(np.mean(wider > 1)), float(np.sqrt(np.mean(wider[wider > 1] ** 2)))
+        text = (
+            f"standard deviations of {share:.0%} of the frames are {times:.2f} times as large (RMS; at most "
+            f"{wider.max():.2f}) as the model states, as trials erred that were left out of it"
+        )
+        found.append(
+            Finding(kind="wider intervals", text=text, numbers={"share": share, "times": times, "most": wider.max()})
+        )
+    if trials == 1:
+        text = (
+            "the model was learned from one trial, which cannot show how another differs: intervals are those of its "
+            "halves; learn from two or more"
+        )
+        found.append(Finding(kind="one trial", text=text))
     if loose:
         text = "no poses fit both the pixels and the bones of the model: check that it is of this animal"
         found.append(Finding(kind="bones not kept", text=text))

@@ -49,7 +49,7 @@ def test_covariances_are_blocks_of_the_dense_inverse(steps):
     band = tuple(
         np.array([blocks[t + lag, :, t] for t in range(steps - lag)]).reshape(-1, n, n) for lag in range(lags + 1)
     )
-    form = Quadratic(value=0.0, gradient=rng.normal(size=(steps, n)), band=band)
+    form = Quadratic(gradient=rng.normal(size=(steps, n)), band=band)
     found = factor(form)
     inverse = np.linalg.inv(dense)
     assert np.allclose(found.solve(form.gradient).ravel(), inverse @ form.gradient.ravel(), atol=1e-10)

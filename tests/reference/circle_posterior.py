@@ -130,7 +130,7 @@ class Circle:
         values, vectors = np.linalg.eigh(self.walk.weight * self.v.barrier_hessian(x))
         bent = (vectors * np.maximum(values, 0)[:, None]) @ np.swapaxes(vectors, 1, 2)
         across = np.broadcast_to(-one * np.eye(2), (len(x) - 1, 2, 2))
-        return Quadratic(value=self.cost(x), gradient=gradient, band=(own[:, None, None] * np.eye(2) + bent, across))
+        return Quadratic(gradient=gradient, band=(own[:, None, None] * np.eye(2) + bent, across))
 
     def moved(self, x: Array, step: Array) -> Array:
         """Straight on."""

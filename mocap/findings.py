@@ -58,7 +58,7 @@ def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:
         for one in block:
             found[one.kind, one.cameras, one.markers].append(one)
     commonest = sorted(found.values(), key=len, reverse=True)[:40]
-    return [same[0] if len(same) == 1 else _of_several(same) for same in commonest]
+    return [same[0] if len(set(map(str, same))) == 1 else _of_several(same) for same in commonest]
 
 
 def _of_several(same: list[Finding]) -> Finding:

@@ -87,7 +87,7 @@ SLOW = {
     "mocap/test_arrays.py": 3,
     "mocap/test_audit.py": 3,
     "mocap/test_audit_reports.py": 2,
-    "mocap/test_blocks.py": 12,
+    "mocap/test_blocks.py": 24,
     "mocap/test_by_hand.py": 9,
     "mocap/test_calibrate.py": 5,
     "mocap/test_calibrate_apart.py": 8,

@@ -1,27 +1,24 @@
 """One trial of a batch: tracked as ``mocap track`` does, its result and how it went written into its folder."""
 
-import json
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mocap.batches.known import Options, Record, keep, key_of, known, write_record
 from mocap.batches.trial import Trial
 from mocap.errors import MocapError, OutputError
 from mocap.io.describe import gaps
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LONG, long_recording
+from mocap.pipeline.blocks import LONG
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
 from mocap.progress import Tell, silent
 from mocap.records import Status
 from mocap.results.long_result import write_in_blocks
+from mocap.results.tables import write_report
 from mocap.results.tracked import Tracked, track
 
 
@@ -45,7 +42,7 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
     try:
         recording = trial.recording()
         model = options.model if isinstance(options.model, str) else _model(options.model)
-        if len(recording.t_s) > LONG and model not in ("eal", "articulated", "lagrangian"):
+        if len(recording.t_s) > LONG:
             return _in_blocks(trial, recording, model, options, key, out, progress)
         tracked = track(recording, model=model, validate=options.validate, seed=options.seed, progress=progress)
     except OutputError:
@@ -63,27 +60,13 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
 def _in_blocks(
     trial: Trial, recording: Recording, model: str | Model, options: Options, key: str, out: Path, progress: Tell
 ) -> Record:
-    """A long recording, block by block as ``mocap track`` does; without a sum of gaps, residuals, held-out errors."""
-    learned = None if isinstance(model, str) else model.learned
+    """A long recording, block by block as ``mocap track`` does."""
+    name, learned = (model, None) if isinstance(model, str) else ("auto", model.learned)
     with result_folder(out / trial.name, "track", replace=True, inputs=recording.inputs) as stage:
-        report: dict[str, Any] = write_in_blocks(
-            long_recording(recording),
-            stage,
-            model=model if isinstance(model, str) else "auto",  # type: ignore[arg-type]
-            learned=learned,
-            seed=options.seed,
-            progress=progress,
-        )
-        report = {name: value for name, value in report.items() if not name.startswith("seconds")}  # as _timeless
-        (stage / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")
-        share, total = report["samples"], report["samples"]["total"]
-        row = _common(trial, report, share["measured"]) | {
-            "markers": len(report["markers"]),
-            "filled": round(total * share["smoothed"]),
-            "extrapolated": round(total * share["predicted"]),
-            "rejected": round(total * share["rejected"]),
-        }
-        record = Record(trial=trial.name, status="done", row=row, key=key)
+        found = write_in_blocks(recording, stage, model=name, learned=learned, seed=options.seed, progress=progress)
+        found = _timeless(found)
+        write_report(found, stage)
+        record = Record(trial=trial.name, status="done", row=figures(found, trial), key=key)
         write_record(record, stage)
     return record
 
@@ -120,33 +103,27 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     from the recording and filled again: root mean square error, and the percentage inside 95 % intervals.
     """
     report: Any = tracked.report
-    markers, validation = tracked.tracks, report["validation"]
-    missing = gaps((markers.status == Status.MEASURED)[None])
+    samples, validation = report["samples"], report["validation"]
     score = validation["methods"].get(report["model"]["name"]) or validation["methods"].get("mixture") or {}
-    return _common(trial, report, float(np.mean(markers.status == Status.MEASURED))) | {
-        "markers": len(markers.names),
-        "gaps": int(missing["count"]),
-        "longest_gap_frames": int(missing["longest_frames"]),
-        "filled": int(report["filled"]),
-        "extrapolated": int(report["extrapolated"]),
-        "rejected": int((markers.status == Status.REJECTED).sum()),
-        "residual_px": _rounded(report["residual_px"]["50%"]),
-        "hidden_samples": int(validation["hidden_samples"]),
-        "rmse_mm": _rounded(score.get("rmse_mm")),
-        "coverage95": _rounded(score.get("coverage95")),
-    }
-
-
-def _common(trial: Trial, report: Mapping[str, Any], measured: float) -> dict[str, object]:
-    """What rows of all recordings hold, of which that share was measured."""
+    missing = {} if "blocks" in report else gaps((tracked.tracks.status == Status.MEASURED)[None])
     return stated_of(trial) | {
         "frames": int(report["frames"]),
         "fps": _rounded(report["fps"]),
         "cameras": len(report["cameras"]),
-        "measured_percent": _rounded(100 * measured),
+        "measured_percent": _rounded(100 * samples["measured"]),
         "model": str(report["model"]["name"]),
         "warnings": len(report["wrong"]),
         "warning": " | ".join(" ".join(str(text).split()) for text in report["wrong"]),
+        "markers": len(report["markers"]),
+        "gaps": missing.get("count"),
+        "longest_gap_frames": missing.get("longest_frames"),
+        "filled": int(report["filled"]),
+        "extrapolated": int(report["extrapolated"]),
+        "rejected": round(samples["rejected"] * samples["total"]),
+        "residual_px": _rounded(report["residual_px"]["50%"]),
+        "hidden_samples": int(validation["hidden_samples"]),
+        "rmse_mm": _rounded(score.get("rmse_mm")),
+        "coverage95": _rounded(score.get("coverage95")),
     }
 
 

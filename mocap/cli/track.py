@@ -15,8 +15,6 @@ from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
 
 if TYPE_CHECKING:
-    from mocap.pipeline.blocks import LongRecording
-    from mocap.pipeline.learning import Model
     from mocap.pipeline.recording import Recording
 
 
@@ -85,16 +83,10 @@ def track(
     import mocap
     from mocap.io.output import result_folder
     from mocap.kinematics.cycles import why_none
-    from mocap.pipeline.blocks import BLOCK, long_recording
     from mocap.pipeline.job import MODELS, existing_model
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
-    by_range = range_source(tracks, stated, blocks)
-    if by_range is not None:
-        inputs = [*tracks, stated.skeleton, None if learned is None else Path(model)]
-        in_blocks(by_range, out, model, learned, blocks or BLOCK, inputs, force, as_json, verbose)
-        return
-    recording = stated.read(
+    recording = on_disk(tracks, stated, blocks) or stated.read(
         tracks, stored_points=stored, correct_lag=correct_lag, fit_lens=fit_lens, mm_per_px=mm_per_px
     )
     opened = []
@@ -106,14 +98,12 @@ def track(
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     inputs = [*recording.inputs, None if learned is None else Path(model)]
     size = block_size(recording, blocks)
-    if size:
-        if live or opened:
-            raise MocapError(
-                f"--live and --video show recordings that are tracked at once, not in blocks of {size} frames: add "
-                "--blocks 0, or leave them out"
-            )
-        in_blocks(long_recording(recording), out, model, learned, size, inputs, force, as_json, verbose)
-        return
+    if size and (live or opened):
+        raise MocapError(
+            f"--live and --video show recordings that are tracked at once, not in blocks of {size} frames: add "
+            "--blocks 0, or leave them out"
+        )
+    footer = f"\n## Command that repeats this run\n\n    {again()}\n"
     watching = nullcontext()
     if live:
         from mocap.rerun.live import session
@@ -125,21 +115,28 @@ def track(
             progress() as tell,
             mocap.processes(jobs),
         ):
-            result = mocap.track(
-                recording,
-                model=learned or model,
-                validate=validate,
-                progress=tell,
-                watch=None if watched is None else watched[0].watch,
-            )
-            result = result.with_report(f"\n## Command that repeats this run\n\n    {again()}\n")
-            if opened:
-                result = result.with_video(
-                    opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
+            if size:
+                from mocap.results.long_result import write_in_blocks
+
+                told = None if learned is None else learned.learned
+                result = write_in_blocks(
+                    recording, folder, model=model, learned=told, size=size, footer=footer, progress=tell
                 )
-            result.write(folder, progress=tell)
-        no_cycles = (out / "cycles.csv").exists() and result.cycles.empty and bool(result.skeleton.joints)
-        also = [why_none(result.skeleton)] if no_cycles else []
+            else:
+                result = mocap.track(
+                    recording,
+                    model=learned or model,
+                    validate=validate,
+                    progress=tell,
+                    watch=None if watched is None else watched[0].watch,
+                ).with_report(footer)
+                if opened:
+                    result = result.with_video(
+                        opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
+                    )
+                result.write(folder, progress=tell)
+        cycles = result.skeleton.joints and not size and (out / "cycles.csv").exists()
+        also = [why_none(result.skeleton)] if cycles and result.cycles.empty else []
         finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
         if watched is not None:
             watched[0].show(out / "recording.rrd", result.recording_id)
@@ -160,55 +157,20 @@ def block_size(recording: "Recording", asked: int | None) -> int:
     return BLOCK
 
 
-def range_source(tracks: list[Path], stated: RecordingOptions, blocks: int | None) -> "LongRecording | None":
+def on_disk(tracks: list[Path], stated: RecordingOptions, blocks: int | None) -> "Recording | None":
     """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
-    from mocap.io.tables_long import ParquetPoints
-    from mocap.pipeline.blocks import BLOCK, LONG, long_parquet
+    from mocap.io.tables_long import LongTable
+    from mocap.pipeline.blocks import LONG, OnDisk
 
     if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
         return None
     if stated.calibration is not None or stated.fps is not None or stated.unit is not None:
         return None
     try:
-        frames = ParquetPoints(tracks[0]).n_frames
+        frames = LongTable(tracks[0]).n_frames
     except FormatError:
         return None  # pixels, or another table: read as any file
-    if frames <= LONG and blocks is None:
-        return None
-    say(f"{tracks[0].name}: {frames} frames are read and tracked in blocks of {blocks or BLOCK}")
-    return long_parquet(tracks[0], stated.skeleton)
-
-
-def in_blocks(
-    recording: "LongRecording",
-    out: Path,
-    model: str,
-    learned: "Model | None",
-    size: int,
-    inputs: "list[Path | None]",
-    force: bool,
-    as_json: bool,
-    verbose: bool,
-) -> None:
-    """Track in blocks, and say what was found."""
-    from mocap.io.output import result_folder
-    from mocap.results.long_result import write_in_blocks
-
-    if learned is None and model not in ("auto", "mixture", "constant_velocity"):
-        raise MocapError(
-            f"--model {model}: blocks are tracked with auto, mixture, constant_velocity, or a learned model"
-        )
-    with result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
-        report = write_in_blocks(
-            recording,
-            folder,
-            model="auto" if learned is not None else model,  # type: ignore[arg-type]
-            learned=None if learned is None else learned.learned,
-            size=size,
-            footer=f"\n## Command that repeats this run\n\n    {again()}\n",
-            progress=tell,
-        )
-    finish(report, (out / "report.md").read_text(encoding="utf-8"), out, as_json=as_json, verbose=verbose)
+    return None if frames <= LONG and blocks is None else OnDisk.of(tracks[0], stated.skeleton)
 
 
 def again() -> str:

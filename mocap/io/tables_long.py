@@ -5,7 +5,9 @@ Pixels: ``frame, t_s, marker, camera, u_px, v_px, score, seen``. ``t_s``, ``sd``
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,8 +30,6 @@ from mocap.schema import POSITIVE, Entry, checked
 
 if TYPE_CHECKING:
     import pandas as pd
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _META = b"eal-mocap"
 _NAMES = ("marker", "camera")
@@ -215,54 +215,56 @@ COVARIANCES = (("xx", 0, 0), ("xy", 0, 1), ("xz", 0, 2), ("yy", 1, 1), ("yz", 1,
 
 
 @dataclass(frozen=True)
-class ParquetPoints:
-    """Positions in metres in mocap's long table: ``frame, t_s, marker, x_m, y_m, z_m[, sd_m][, cov_..._m2], origin``.
+class LongTable:
+    """Positions in metres in mocap's long table, of which any frames can be read.
 
     Attributes:
-        path: The file; sorted by frame, then marker, every marker in every frame.
+        path: The Parquet file; sorted by frame, then marker, every marker in every frame.
     """
 
     path: Path
 
     @cached_property
-    def _columns(self) -> tuple[str, ...]:
-        found = self._opened().schema_arrow.names
-        lacking = [name for name in ("frame", "t_s", "marker", "x_m", "y_m", "z_m", "origin") if name not in found]
-        if lacking:
-            raise FormatError(f"{self.path.name}: no column {lacking[0]}; expected positions, a row a frame and marker")
-        return tuple(found)
-
-    def _opened(self):
-        import pyarrow as pa
+    def _head(self) -> tuple[int, int]:
+        """Number of rows, and of the first frame."""
         import pyarrow.parquet as parquet
 
+        with self._readable():
+            file = parquet.ParquetFile(self.path)
+            first = next(file.iter_batches(batch_size=1, columns=["frame"]), None)
+        lacking = [
+            c for c in ("frame", "t_s", "marker", "x_m", "y_m", "z_m", "origin") if c not in file.schema_arrow.names
+        ]
+        if lacking or first is None:
+            what = f"no column {lacking[0]}" if lacking else "no rows"
+            raise FormatError(f"{self.path.name}: {what}; expected positions, a row a frame and marker")
+        return file.metadata.num_rows, first["frame"][0].as_py()
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        import pyarrow as pa
+
         try:
-            return parquet.ParquetFile(self.path)
+            yield
         except (OSError, pa.ArrowException) as error:
             raise FormatError(f"{self.path}: cannot be read as Parquet ({error}): copy or export it again") from None
 
-    @cached_property
-    def _rows(self) -> NDArray[np.int64]:
-        """(G + 1,) row that each row group begins with, and their number."""
-        meta = self._opened().metadata
-        return np.concatenate([[0], np.cumsum([meta.row_group(i).num_rows for i in range(meta.num_row_groups)])])
+    def _rows(self, rows: list[tuple[str, str, Any]], columns: list[str] | None = None) -> "pd.DataFrame":
+        """Rows of which all that is true; row groups without any are not read."""
+        import pyarrow.parquet as parquet
+
+        with self._readable():
+            return parquet.read_table(self.path, columns=columns, filters=rows).to_pandas()
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """The M markers."""
-        _ = self._columns
-        for batch in self._opened().iter_batches(batch_size=1 << 16, columns=["frame", "marker"]):
-            frame = batch.column("frame").to_numpy()
-            first = int(np.searchsorted(frame, frame[0], side="right"))
-            if first < len(frame) or len(frame) == self._rows[-1]:
-                return tuple(batch.column("marker").slice(0, first).to_pylist())
-            break
-        raise FormatError(f"{self.path.name}: contains no frames of markers, sorted by frame: export it again")
+        return tuple(self._rows([("frame", "==", self._head[1])], ["marker"])["marker"])
 
     @property
     def n_frames(self) -> int:
         """Number of frames."""
-        return int(self._rows[-1]) // len(self.names)
+        return self._head[0] // len(self.names)
 
     @cached_property
     def t_s(self) -> Array:
@@ -271,53 +273,31 @@ class ParquetPoints:
         Raises:
             FormatError: frames are not sorted, do not follow each other, or lack markers.
         """
-        m, file = len(self.names), self._opened()
-        out, frames, done = np.empty(self.n_frames), np.empty(self.n_frames, dtype=np.int64), 0
-        for batch in file.iter_batches(batch_size=m * max(1, (1 << 18) // m), columns=["frame", "t_s"]):
-            some = slice(-done % m, None, m)
-            at = slice((done + m - 1) // m, (done + len(batch) + m - 1) // m)
-            out[at], frames[at] = batch.column("t_s").to_numpy()[some], batch.column("frame").to_numpy()[some]
-            done += len(batch)
-        if done % m or (np.diff(frames) != 1).any():
+        found = self._rows([("marker", "==", self.names[0])], ["frame", "t_s"])
+        if len(found) * len(self.names) != self._head[0] or (np.diff(found["frame"]) != 1).any():
             raise FormatError(
-                f"{self.path.name}: rows are not all frames, one after the other, x {m} markers: read it at once, or "
-                "export it again"
+                f"{self.path.name}: rows are not all frames, one after the other, x {len(self.names)} markers: read it "
+                "at once, or export it again"
             )
-        return out
+        return found["t_s"].to_numpy(dtype=np.float64)
 
     def read(self, frames: slice) -> tuple[MarkerTracks, NDArray[np.int8]]:
-        """Some frames, from 0; and (n, M) which bore another marker's name in the file.
+        """Some frames, from 0; and (n, M) which bore another marker's name in the file (1), or were corrected (2).
 
         Raises:
             MocapError: there are no such frames.
+            FormatError: rows are not all of them.
         """
-        m = len(self.names)
         start, stop = frames.start or 0, self.n_frames if frames.stop is None else frames.stop
-        if not 0 <= start <= stop <= self.n_frames:
+        if not 0 <= start < stop <= self.n_frames:
             raise MocapError(f"{self.path}: has the frames 1 to {self.n_frames}, not {start + 1} to {stop}")
-        first = min(int(np.searchsorted(self._rows, start * m, side="right")) - 1, len(self._rows) - 2)
-        last = max(first + 1, int(np.searchsorted(self._rows, stop * m, side="left")))
-        wanted = [name for name in self._columns if name not in ("frame", "marker")]
-        table = self._opened().read_row_groups(list(range(first, min(last, len(self._rows) - 1))), columns=wanted)
-        table = table.slice(start * m - int(self._rows[first]), (stop - start) * m)
-        return self._tracks(table, (stop - start, m))
-
-    def _tracks(self, table: "pa.Table", shape: tuple[int, int]) -> tuple[MarkerTracks, NDArray[np.int8]]:
-        import pyarrow as pa
-
-        def column(name: str) -> Array:
-            return np.asarray(table.column(name).to_numpy(), dtype=np.float64).reshape(shape)
-
-        xyz = np.stack([column(f"{axis}_m") for axis in "xyz"], axis=-1)
-        cov = np.full((*shape, 3, 3), np.nan)
-        if f"cov_{COVARIANCES[0][0]}_m2" in self._columns:
+        first = self._head[1]
+        rows = self._rows([("frame", ">=", first + start), ("frame", "<", first + stop)])
+        points = points_of(self.path, _recording(self.path, "parquet", rows, None))
+        if f"cov_{COVARIANCES[0][0]}_m2" in rows:
+            cov = np.empty((*points.xyz_m.shape, 3))
             for name, i, j in COVARIANCES:
-                cov[..., i, j] = cov[..., j, i] = column(f"cov_{name}_m2")
-        elif "sd_m" in self._columns:
-            cov = column("sd_m")[..., None, None] ** 2 * np.eye(3)
-        origin = table.column("origin").cast(pa.string()).combine_chunks().dictionary_encode()
-        words, index = origin.dictionary.to_pylist(), origin.indices.to_numpy().reshape(shape)
-        status = codes(self.path, words)[index]
-        repaired = np.array([{REPAIRED: 1, EDITED: 2}.get(word, 0) for word in words], dtype=np.int8)[index]
-        t_s = column("t_s")[:, 0]
-        return MarkerTracks(names=self.names, t_s=t_s, xyz_m=xyz, cov_m2=cov, status=status), repaired
+                cov[..., i, j] = cov[..., j, i] = rows[f"cov_{name}_m2"].to_numpy().reshape(cov.shape[:2])
+            points = replace(points, cov_m2=cov)
+        words = rows["origin"].astype(str).to_numpy().reshape(points.xyz_m.shape[:2])
+        return points, ((words == REPAIRED) + 2 * (words == EDITED)).astype(np.int8)

@@ -22,14 +22,14 @@ from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate
 from mocap.filters.score import Score
 from mocap.filters.size import size_factor
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import Asked, Motion, without_rates
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.report import make_report, readable
+from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.report import Counts, make_report, readable
 from mocap.pipeline.tracking import (
     Part,
     learn_motion,
@@ -38,6 +38,7 @@ from mocap.pipeline.tracking import (
     seen_part,
     track,
     track_mixed,
+    tracks_alone,
     trial_set,
     trunk_frames,
     why_no_pose,
@@ -46,8 +47,9 @@ from mocap.pipeline.tracking import (
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.pipeline.variables import with_angles, with_joints, with_limbs
 from mocap.progress import Stages
-from mocap.records import JointAngles, angle_names
+from mocap.records import JointAngles, MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
+from mocap.skeleton import Skeleton
 from mocap.text import as_text
 
 Watch = Callable[[Recording, Part, MotionModel], None]
@@ -107,49 +109,65 @@ def run_job(
     """
     stages = stages or Stages()
     with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
-        if not source.cleaned and of_one_camera(source):
-            return _one_camera(source, learned, stages)
-        recording, part, reason, learned = _prepared(source, model, learned, stages)
-        posed = reason is None and (model not in NAMED or NAMED[model].posed)
-        if (posed or learned is not None) and worth_checking(recording):
-            with stages.stage("check points of two rays"):
-                recording = without_contradicted(recording, part, learned)
-                part = seen_part(recording)
-        asked = asked_for(recording.names, recording.skeleton, n_frames=len(recording.t_s))
-        if watch is not None:
-            with stages.stage("filter live"):
-                alone = model if model in NAMED else "eal" if posed else "constant_velocity"
-                watch(recording, part, learn_motion(recording, part, NAMED[alone].settings).motion)
-        mixing = learned is None and posed and model not in NAMED
-        beside = _compared(model, reason, mixing=mixing) if validated else None
-        mixed, scores = None, {}
-        if mixing or learned is not None:
-            with stages.stage("track with a mixture of models" if mixing else "track") as progress:
-                mixed = track_mixed(
-                    recording, part, learned, asked=asked, compared=beside, seed=seed, progress=progress
-                )
-            scores = {} if mixed is None else mixed.scores
-        elif beside:
-            with stages.stage("validate on hidden samples") as progress:
-                trials = trial_set(recording, part)
-                scores = filled_alone(trials, beside, seed=seed, progress=progress, call_all=call_all)
-        name, why = _choose(model, reason, scores)
-        if learned is not None:
-            name, why = "learned", _learned_from(learned, recording, part)
-        smoothed, own = None if mixed is None or name in NAMED else mixed.markers, None
-        if smoothed is None:
-            name = "eal" if name == "mixture" else name
-            with stages.stage("learn"):
-                own = learn_motion(recording, part, NAMED[name].settings)
-            with stages.stage("track") as progress:
-                smoothed = track(recording, part, own, asked=asked, progress=progress)
-        return _finished(recording, part, name, smoothed, asked, why=why, scores=scores, stages=stages, own=own)
+        tracked, recording, part, why, scores = track_part(
+            source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
+        )
+        return reported(tracked, recording, part, why=why, scores=scores, stages=stages), recording
 
 
-def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Recording, Recording]:
-    with stages.stage("track one camera") as progress:
-        recording, part, found, asked, why = track_one_camera(source, learned, progress=progress)
-    return _finished(recording, part, NAME, found, asked, why=why, stages=stages)
+def track_part(
+    source: Recording,
+    *,
+    model: str,
+    learned: LearnedModel | None,
+    stages: Stages,
+    validated: bool,
+    seed: int = 0,
+    watch: Watch | None = None,
+) -> tuple[Recording, Recording, Part, str, Mapping[str, Score]]:
+    """Track a recording, as ``run_job`` does, without potentials and a report.
+
+    Returns:
+        The recording as it was tracked, with joints, and as it was cleaned; its seen part; why it was tracked by that
+        model; and how gaps that were hidden in it were filled.
+    """
+    if not source.cleaned and of_one_camera(source):
+        with stages.stage("track one camera") as progress:
+            recording, part, smoothed, asked, why = track_one_camera(source, learned, progress=progress)
+        return _with_all(recording, part, NAME, smoothed, asked), recording, part, why, {}
+    recording, part, reason, learned = _prepared(source, model, learned, stages)
+    posed = reason is None and (model not in NAMED or NAMED[model].posed)
+    if (posed or learned is not None) and worth_checking(recording):
+        with stages.stage("check points of two rays"):
+            recording = without_contradicted(recording, part, learned)
+            part = seen_part(recording)
+    asked = asked_for(recording.names, recording.skeleton, n_frames=len(recording.t_s))
+    if watch is not None:
+        with stages.stage("filter live"):
+            alone = model if model in NAMED else "eal" if posed else "constant_velocity"
+            watch(recording, part, learn_motion(recording, part, NAMED[alone].settings).motion)
+    mixing = learned is None and posed and model not in NAMED
+    beside = _compared(model, reason, mixing=mixing) if validated else None
+    mixed, scores = None, {}
+    if mixing or learned is not None:
+        with stages.stage("track with a mixture of models" if mixing else "track") as progress:
+            mixed = track_mixed(recording, part, learned, asked=asked, compared=beside, seed=seed, progress=progress)
+        scores = {} if mixed is None else mixed.scores
+    elif beside:
+        with stages.stage("validate on hidden samples") as progress:
+            trials = trial_set(recording, part)
+            scores = filled_alone(trials, beside, seed=seed, progress=progress, call_all=call_all)
+    name, why = _choose(model, reason, scores)
+    if learned is not None:
+        name, why = "learned", _learned_from(learned, recording, part)
+    smoothed, own = None if mixed is None or name in NAMED else mixed.markers, None
+    if smoothed is None:
+        name = "eal" if name == "mixture" else name
+        with stages.stage("learn"):
+            own = learn_motion(recording, part, NAMED[name].settings)
+        with stages.stage("track") as progress:
+            smoothed = track(recording, part, own, asked=asked, progress=progress)
+    return _with_all(recording, part, name, smoothed, asked, own), recording, part, why, scores
 
 
 def _prepared(
@@ -174,51 +192,75 @@ def _compared(model: str, reason: str | None, *, mixing: bool) -> dict[str, Traj
     return {name: one.settings for name, one in NAMED.items() if name in names and (posed or not one.posed)}
 
 
-def _finished(
+def _with_all(
+    recording: Recording, part: Part, name: str, smoothed: Estimate, asked: Asked, own: FittedMotion | None = None
+) -> Recording:
+    """The recording as it was tracked, with joints, limbs that were held, and angles that were the state."""
+    tracked = with_track(recording, part, name, smoothed, asked)
+    joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(recording))
+    frames = _frames_of(len(recording.t_s), part)
+    data = with_limbs(with_joints(tracked.data, joints), [at_frames(limb, frames) for limb in smoothed.held])
+    angles = _angles(smoothed, own, recording, part)
+    return replace(tracked, data=data if angles is None else with_angles(data, at_frames(angles, frames)))
+
+
+def reported(
+    tracked: Recording,
     recording: Recording,
     part: Part,
-    name: str,
-    smoothed: Estimate,
-    asked: Asked,
     *,
     why: str,
+    scores: Mapping[str, Score],
     stages: Stages,
-    own: FittedMotion | None = None,
-    scores: Mapping[str, Score] | None = None,
-) -> tuple[Recording, Recording]:
-    """The recording as it was tracked, with joints, potentials and a report; and as it was cleaned."""
-    tracked = with_track(recording, part, name, smoothed, asked)
+    whole: Counts | None = None,
+) -> Recording:
+    """The tracked recording with potentials and a report.
+
+    Args:
+        tracked: The recording as it was tracked.
+        recording: As it was cleaned.
+        part: Its seen part.
+        why: Why it was tracked by that model.
+        scores: How gaps that were hidden in it were filled.
+        stages: Timer and progress.
+        whole: Counts of the long recording of which these are some frames; None: they are all.
+    """
     markers, skeleton = tracked.tracks, recording.skeleton
+    joints = tracked.joint_tracks or joint_tracks(markers, skeleton, whole_frames(recording))
     with stages.stage("joints and potentials"):
-        axes = whole_frames(recording)
-        joints = joint_tracks(markers, skeleton, axes)
         seen_m = np.where(np.isfinite(recording.xyz_m[..., :1]), markers.xyz_m, np.nan)
         build = {"trunk": skeleton.trunk, "bones": skeleton.rigid}
-        joined = articulation(recording.names, seen_m, markers.sd_m, axes.rotation, **build)
-        potentials = joint_potentials(joints[FRAME], markers, skeleton)
-        spatial = joint_potentials(joints[SPACE], markers, skeleton)
+        axes = whole_frames(recording).rotation
+        joined = articulation(recording.names, seen_m, markers.sd_m, axes, **build)
+        planar, spatial = (joint_potentials(one, markers, skeleton) for one in (joints[FRAME], joints[SPACE]))
     report = make_report(
         recording,
         part,
         tracked,
-        potentials,
+        planar,
         why_model=why,
-        validation=scores or {},
+        validation=scores,
         seconds=stages.seconds,
         articulated=joined,
+        whole=whole,
     )
-    frames = _frames_of(len(recording.t_s), part)
-    data = with_limbs(with_joints(tracked.data, joints), [at_frames(limb, frames) for limb in smoothed.held])
-    angles = _angles(smoothed, own, recording, part)
-    tracked = replace(
-        tracked,
-        data=data if angles is None else with_angles(data, at_frames(angles, frames)),
-        potentials=potentials,
-        spatial_potentials=spatial,
-        report=report,
-        report_text=readable(report, title=recording.name),
-    )
-    return tracked, recording
+    text = readable(report, title=recording.name)
+    return replace(tracked, potentials=planar, spatial_potentials=spatial, report=report, report_text=text)
+
+
+def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: str) -> Recording:
+    """Positions as a model tracked them, of which nothing else is known: no pixels, no velocities."""
+    found = tracks_alone(of_points(markers, skeleton, name=name), model, still(markers))
+    count = len(markers.t_s)
+    axes = BodyFrames(rotation=np.repeat(np.eye(3)[None], count, axis=0), position_m=np.zeros((count, 3)))
+    joints = joint_tracks(markers, skeleton, whole_frames(found) if markers.seen.any() else axes)
+    return replace(found, data=with_joints(found.data, joints))
+
+
+def still(markers: MarkerTracks) -> Motion:
+    """Markers of which no velocity is known."""
+    measured = markers.status == Status.MEASURED
+    return without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured)
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:

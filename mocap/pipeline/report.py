@@ -18,7 +18,7 @@ from mocap.filters.score import Score
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.pipeline import sentences
-from mocap.pipeline.motion import MOVED, moved_report
+from mocap.pipeline.motion import MOVED, moved, moved_report
 from mocap.pipeline.one_camera import NAME as ONE_CAMERA
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
@@ -28,6 +28,48 @@ from mocap.records import Status
 from mocap.text import number_of, plain
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
+Counts = Mapping[str, Mapping[str, float]]
+"""Sums over frames, so that those of a long recording are the sums of its parts' (``counts``, ``together``)."""
+
+
+def counts(recording: Recording, tracked: Recording, frames: slice = slice(None)) -> Counts:
+    """Numbers of samples in some frames: by origin, rejected and repaired by reason; frames and their log density.
+
+    Args:
+        recording: As it was cleaned.
+        tracked: As it was tracked.
+        frames: Which frames.
+    """
+    origin, rejected = tracked.tracks.status[frames], recording.rejected
+    gated = np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used
+    far = moved(recording, tracked.xyz_m, tracked.cov_m2)[1] & (tracked.tracks.status == Status.REJECTED)
+    far &= ~np.any(list(rejected.values()), axis=0)
+    exchanged = exchanged_samples(recording.xyz_m.shape[:2], recording.swaps)
+    edited = {"edited": recording.edited} if "edited" in recording.data else {}
+    likelihood = float(tracked.log_likelihood[frames].sum())
+    return {
+        "frames": {"number": len(origin), "log_likelihood": likelihood},
+        "samples": {
+            "total": origin.size,
+            "seen": int(np.isfinite(recording.xyz_m[frames][..., 0]).sum()),
+            **{o.name.lower(): int((origin == o).sum()) for o in Status},
+        },
+        "rejected": {
+            **{reason: int(mask[frames].sum()) for reason, mask in rejected.items()},
+            "moved": int(far[frames].sum()),
+            "rays": int(recording.rays_rejected[:, frames].sum()),
+            "gated_rays": int(gated[:, frames].sum()),
+        },
+        "repaired": {reason: int(mask[frames].sum()) for reason, mask in (exchanged | edited).items()},
+    }
+
+
+def together(one: Counts, other: Counts) -> Counts:
+    """The sums of both."""
+    return {
+        kind: {name: one[kind].get(name, 0) + other[kind].get(name, 0) for name in {**one[kind], **other[kind]}}
+        for kind in one
+    }
 
 
 def make_report(
@@ -40,26 +82,29 @@ def make_report(
     validation: Mapping[str, Score],
     seconds: Mapping[str, float],
     articulated: Sequence[Articulation] = (),
+    whole: Counts | None = None,
 ) -> dict[str, object]:
     """The report of a run; plain numbers, strings, lists and dictionaries.
 
     Of one film without a scale, keys that name millimetres name pixels. ``validation`` has, by method, how gaps that
-    were hidden are filled.
+    were hidden are filled. Where these are some frames of a long recording, ``whole`` has its counts, and single
+    samples are not listed.
     """
     consistency, away = _consistency(tracked), moved_report(recording, tracked.tracks)
+    known = whole or counts(recording, tracked)
+    samples, total = known["samples"], known["samples"]["total"]
+    if whole is not None:
+        away |= {"largest": None, "samples": [], "beyond_3_sd": whole["rejected"]["moved"]}
     found = [*recording.findings, *sentences.too_narrow(consistency["nis_per_row"])]
     if not potentials and recording.plane is None and (recording.skeleton.joints or not recording.skeleton.body_joints):
         found.append(sentences.no_joints(recording.skeleton))
     origin = tracked.tracks.status
-    total = origin.size
-    share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
-    n_frames = origin.shape[0]
     late = recording.late_frames
     alike = tracked.tracks.cov_m2 - lasting_cov(recording)  # without errors that last
     repeated = np.sqrt(np.maximum(np.trace(alike, axis1=-2, axis2=-1) / 3, 0.0))
     report = {
         "name": recording.name,
-        "frames": n_frames,
+        "frames": int(known["frames"]["number"]),
         "fps": float(1 / recording.dt_s),
         "tracked_frames": [part.frames.start + 1, part.frames.stop],
         "markers": list(recording.names),
@@ -73,9 +118,9 @@ def make_report(
             "lambda": USUAL_LAMBDA,
             "weight": WEIGHT,
         },
-        "samples": {"total": total, "seen": float(np.mean(np.isfinite(recording.xyz_m[..., 0]))), **share},
-        "filled": int(np.isin(origin, [Status.SMOOTHED, Status.INTERPOLATED]).sum()),
-        "extrapolated": int((origin == Status.PREDICTED).sum()),
+        "samples": {name: count / total for name, count in samples.items()} | {"total": total},
+        "filled": samples["smoothed"] + samples["interpolated"],
+        "extrapolated": samples["predicted"],
         "sd_mm": {
             "measured": _quantiles(1e3 * tracked.tracks.sd_m[origin == Status.MEASURED]),
             "filled": _quantiles(1e3 * tracked.tracks.sd_m[origin == Status.SMOOTHED]),
@@ -87,12 +132,7 @@ def make_report(
         "pixel_noise_px": {"jitter": _number(recording.jitter_px), "slow": recording.bias_px},
         "cameras_and_markers": _noise(recording),
         "rejected": {
-            "counts": {
-                **{reason: int(mask.sum()) for reason, mask in recording.rejected.items()},
-                "moved": away["beyond_3_sd"],
-                "rays": int(recording.rays_rejected.sum()),
-                "gated_rays": int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()),
-            },
+            "counts": known["rejected"],
             "reasons": {
                 **REASONS,
                 **DOUBTFUL,
@@ -101,24 +141,20 @@ def make_report(
             },
             "samples": [
                 {"frame": int(t) + 1, "marker": recording.names[m], "reason": reason}
-                for reason, mask in recording.rejected.items()
+                for reason, mask in (recording.rejected if whole is None else {}).items()
                 for t, m in np.argwhere(mask)
             ],
         },
         "bad_cameras": _bad_cameras(recording),
         "repaired": {
-            "counts": {
-                reason: int(mask.sum())
-                for reason, mask in exchanged_samples(recording.xyz_m.shape[:2], recording.swaps).items()
-            }
-            | ({"edited": int(recording.edited.sum())} if "edited" in recording.data else {}),
+            "counts": known["repaired"],
             "reasons": REPAIRS | {"edited": "corrected by hand"},
             "runs": _exchanged(recording),
         },
         "audit": [finding.as_json() for finding in recording.audited],
         "stale_points": None if recording.stale is None else [vars(s) for s in recording.stale],
         "innovation": consistency,
-        "log_likelihood": float(tracked.log_likelihood.sum()),
+        "log_likelihood": known["frames"]["log_likelihood"],
         "validation": {
             "hidden_samples": max((one.samples for one in validation.values()), default=0),
             "methods": {name: one.as_json() for name, one in validation.items()},
@@ -134,6 +170,8 @@ def make_report(
         "findings": [f.text for f in found],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
+    if whole is not None:
+        report["blocks"] = whole["blocks"]
     if recording.plane is None:
         return report
     plane = {"unit": recording.plane.unit, "mm_per_px": recording.plane.mm_per_px}
@@ -365,6 +403,15 @@ def readable(report: Mapping, *, title: str) -> str:
     lines += _articulation_lines(report.get("articulation", {"joints": []}))
     if table := residual_lines(report.get("residual_px_by_camera", {})):
         lines += ["", *table[:-1]]
+    if (blocks := report.get("blocks")) is not None:
+        lines += [
+            "",
+            "## Blocks",
+            "",
+            f"Tracked in blocks of at most {blocks['frames']} frames. `markers.parquet` and `kinematics.parquet` hold "
+            "all frames; `recording.rrd`, `markers.nc`, `recording.nc`, potentials and quantiles are of one frame in "
+            f"{blocks['every']} ({blocks['shown']} frames). `mocap view FOLDER --frames 1001:2000` shows every frame.",
+        ]
     if "seconds" not in report:
         return "\n".join([*lines, ""])
     seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())

@@ -1,9 +1,8 @@
 """Results of long recordings, written block by block as Parquet, and read back by range."""
 
-import csv
 import json
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,12 +13,12 @@ import pyarrow as pa
 import pyarrow.parquet as parquet
 
 from eal.over_time import at_frames
-from mocap.errors import MocapError
-from mocap.io.tables import EDITED, REPAIRED, WORDS
-from mocap.io.tables_long import COVARIANCES, ParquetPoints
+from mocap.io.tables import origin_words
+from mocap.io.tables_long import COVARIANCES, LongTable
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
+from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.tables import cycle_tables, write_table
 
@@ -42,9 +41,7 @@ class BlockWriter:
         self._open: dict[str, parquet.ParquetWriter] = {}
         self._quantities: list[str] = []
         self._cycles: dict[str, list[pd.DataFrame]] = {}
-        self._blocks = (folder / BLOCKS).open("w", encoding="utf-8", newline="")
-        self._numbers: dict[tuple[str, str], int] = {}
-        self._begun = False
+        self._blocks: list[dict[str, float]] = []
 
     def __enter__(self) -> "BlockWriter":
         """Itself."""
@@ -54,60 +51,38 @@ class BlockWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close all files; write the tables of cycles, of which a block may have columns that the first had not."""
-        for file in (*self._open.values(), self._blocks):
+        for file in self._open.values():
             file.close()
         if kind is None:
             order = [f.name for f in fields(Cycle)]
             for name, tables in self._cycles.items():
                 whole = pd.concat([table for table in tables if len(table)] or tables[:1], ignore_index=True)
                 titles = sorted(whole.columns, key=lambda title: order.index(title) if title in order else len(order))
+                whole["number"] = whole.groupby(["kind", "of"]).cumcount() + 1
                 write_table(whole.reindex(columns=titles), self._folder / name)
+            write_table(pd.DataFrame(self._blocks), self._folder / BLOCKS)
 
-    def add(
-        self,
-        core: range,
-        markers: MarkerTracks,
-        repaired: np.ndarray,
-        whole: Kinematics,
-        own: slice,
-        cycles: Sequence[Cycle],
-    ) -> None:
+    def add(self, core: range, run: Recording, whole: Kinematics, own: slice, cycles: Sequence[Cycle]) -> None:
         """One block's own frames: its markers, what follows of them, and the cycles that begin in it.
 
         Args:
             core: The frames.
-            markers: Of these frames.
-            repaired: Of these frames.
+            run: These frames.
             whole: What follows of them, also in the frames on either side.
             own: The frames in that.
             cycles: Those that begin in them, and may end after them.
         """
-        found = at_frames(whole, own)
-        frames = np.arange(core.start + 1, core.stop + 1)
-        self._write(MARKERS, _marker_table(frames, markers, repaired))
-        self._write(KINEMATICS, self._kinematics_table(frames, found))
-        rows = [self._numbered(cycle) for cycle in cycles]
-        for name, table in cycle_tables(whole, rows).items():
+        frames, markers = np.arange(core.start + 1, core.stop + 1), run.tracks
+        self._write(MARKERS, _marker_table(frames, markers, run.repaired))
+        self._write(KINEMATICS, self._kinematics_table(frames, at_frames(whole, own)))
+        for name, table in cycle_tables(whole, cycles).items():
             self._cycles.setdefault(name, []).append(table)
-        shares = {o.name.lower(): float(np.mean(markers.status == o)) for o in Status}
         sd = markers.sd_m[markers.status == Status.MEASURED]
-        row = {
-            "first_frame": core.start + 1,
-            "last_frame": core.stop,
-            **{name: f"{share:.6f}" for name, share in shares.items()},
-            "median_sd_mm": f"{1e3 * np.median(sd):.6g}" if len(sd) else "",
-            "cycles": len(rows),
-        }
-        writer = csv.DictWriter(self._blocks, list(row), lineterminator="\n")
-        if not self._begun:
-            writer.writeheader()
-        writer.writerow(row)
-        self._begun = True
-
-    def _numbered(self, cycle: Cycle) -> Cycle:
-        key = (cycle.kind, cycle.of)
-        self._numbers[key] = self._numbers.get(key, 0) + 1
-        return replace(cycle, number=self._numbers[key])
+        self._blocks.append(
+            {"first_frame": core.start + 1, "last_frame": core.stop}
+            | {o.name.lower(): float(np.mean(markers.status == o)) for o in Status}
+            | {"median_sd_mm": 1e3 * float(np.median(sd)) if len(sd) else np.nan, "cycles": len(cycles)}
+        )
 
     def _write(self, name: str, table: pa.Table) -> None:
         if name not in self._open:
@@ -132,16 +107,14 @@ class BlockWriter:
 def _marker_table(frames: np.ndarray, markers: MarkerTracks, repaired: np.ndarray) -> pa.Table:
     n_frames, n_markers = markers.status.shape
     names = np.tile(np.arange(n_markers, dtype=np.int32), n_frames)
-    words = [*(str(word) for word in WORDS), REPAIRED, EDITED]
-    mended = (repaired > 0) & (markers.status == Status.MEASURED)
-    codes = np.where(mended, len(WORDS) + repaired - 1, markers.status).astype(np.int8)
+    words = origin_words(markers.status, repaired).ravel()
     columns: dict[str, Any] = {
         "frame": np.repeat(frames, n_markers),
         "t_s": np.repeat(markers.t_s, n_markers),
         "marker": pa.DictionaryArray.from_arrays(pa.array(names), pa.array(list(markers.names))),
         **{f"{axis}_m": markers.xyz_m[..., k].ravel() for k, axis in enumerate("xyz")},
         "sd_m": markers.sd_m.ravel().astype(np.float32),
-        "origin": pa.DictionaryArray.from_arrays(pa.array(codes.ravel()), pa.array(words)),
+        "origin": pa.array(words).dictionary_encode(),
     }
     columns |= {f"cov_{name}_m2": markers.cov_m2[..., i, j].ravel().astype(np.float32) for name, i, j in COVARIANCES}
     return pa.table(columns)
@@ -162,7 +135,4 @@ def read_markers(folder: Path, frames: range) -> tuple[MarkerTracks, np.ndarray]
         MocapError: there are no such frames.
         FormatError: the file cannot be read.
     """
-    points = ParquetPoints(folder / MARKERS)
-    if not 0 <= frames.start < frames.stop <= points.n_frames:
-        raise MocapError(f"{folder}: has the frames 1 to {points.n_frames}, not {frames.start + 1} to {frames.stop}")
-    return points.read(slice(frames.start, frames.stop))
+    return LongTable(folder / MARKERS).read(slice(frames.start, frames.stop))

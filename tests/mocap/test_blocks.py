@@ -1,10 +1,14 @@
 """Long recordings in blocks: the same track as the whole at once, tables of every frame, any range of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 from mocap.datasets import make_bat
+from mocap.filters.models.base import FittedMotion
+from mocap.filters.models.constant_velocity import MarkerSettings
 
 import mocap
 from docs.tools import columns
@@ -13,8 +17,10 @@ from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, over_blocks
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LEAST, MOST, LongRecording, blocks_of, learn_once, long_recording, margin, track_block
-from mocap.pipeline.recording import of_points
+from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.recording import Recording, of_pixels, of_points
+from mocap.pipeline.tracking import learn_motion, seen_part
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording
 from mocap.results.long_result import load_range, write_in_blocks
@@ -27,11 +33,11 @@ SHOWN = [*range(9), 13, 14, 17]  # trunk and an arm of the bat
 def in_blocks(recording, folder, *, size):
     """The report of a result that is written with constant velocity."""
     with result_folder(folder, "track", replace=False) as stage:
-        return write_in_blocks(recording, stage, model="constant_velocity", size=size)
+        return write_in_blocks(recording, stage, model="constant_velocity", size=size).report
 
 
 @pytest.fixture(scope="module")
-def bat() -> LongRecording:
+def bat() -> Recording:
     """Positions of a bat with gaps; a stretch in which nothing is seen."""
     film = make_bat(n_frames=T, n_cameras=2)
     names = tuple(film.truth.names[m] for m in SHOWN)
@@ -47,13 +53,31 @@ def bat() -> LongRecording:
     tracks = MarkerTracks(names=names, t_s=film.truth.t_s, xyz_m=xyz, cov_m2=cov, status=status)
     joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
     skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8], joints=(joint,))
-    return long_recording(of_points(tracks, skeleton, name="bat"))
+    return of_points(tracks, skeleton, name="bat")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_motion(bat):
+    """Constant velocity with the accelerations of the whole, which each block would learn of its own frames."""
+    cleaned = clean(bat)
+    once = learn_motion(cleaned, seen_part(cleaned), MarkerSettings()).motion
+
+    def known(recording, part, settings):
+        xyz = recording.xyz_m[part.frames][:, part.markers]
+        first = xyz[np.isfinite(xyz[..., 0]).argmax(axis=0), np.arange(xyz.shape[1])]
+        if xyz.shape[1] != len(SHOWN):  # another recording
+            return learn_motion(recording, part, settings)
+        return FittedMotion(replace(once, start_m=first), recording.t_s[part.frames])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mocap.pipeline.job.learn_motion", known)
+        yield
 
 
 @pytest.fixture(scope="module")
 def whole(bat):
     """The track of all frames at once."""
-    return track_block(bat, learn_once(bat, model="constant_velocity"), range(T))[0]
+    return track_block(bat, range(T))[0]
 
 
 def test_blocks_give_the_track_of_the_whole(bat, whole):
@@ -61,10 +85,9 @@ def test_blocks_give_the_track_of_the_whole(bat, whole):
 
     The slowest mode of constant velocity with these noises falls by e in 3 frames; margins of 120 frames leave e^-40.
     """
-    known = learn_once(bat, model="constant_velocity")
     parts = []
     for core in blocks_of(T, 200):
-        run, own, _ = track_block(bat, known, core)
+        run, _, own = track_block(bat, core)
         assert own.stop - own.start == len(core)
         names = ["position", "covariance", "status", "velocity"]
         parts.append(run.at(own).data[names])
@@ -152,7 +175,7 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
     monkeypatch.setattr("mocap.rerun.record.write_recording", write_recording)
     monkeypatch.setattr("mocap.results.long_result.OVERVIEW", 250)
     report = in_blocks(bat, tmp_path / "out", size=400)
-    assert report["overview"] == {"every": 3, "frames": 234}
+    assert report["blocks"] == {"frames": 400, "every": 3, "shown": 234}
     stored = read_recording(tmp_path / "out" / "recording.rrd", name="bat")
     np.testing.assert_allclose(np.diff(stored.t_s), 3 * bat.dt_s, atol=1e-8)
     frames = set()
@@ -177,12 +200,11 @@ def test_the_command_line(folder, tmp_path, monkeypatch, capsys):
 
     out = tmp_path / "out"
     assert run("track", source, "--blocks", 300, "--model", "constant_velocity", "--out", out) == 0
-    assert "tracked in 3 blocks" in (out / "report.md").read_text()
+    assert "in blocks of at most 300 frames" in (out / "report.md").read_text()
     part = mocap.load(out, frames=range(298, 304))
     assert part.markers.sizes["time"] == 6
     assert detail([out], "299:304", tmp_path / "part.rrd").stat().st_size > 1000
     capsys.readouterr()
-    assert run("track", source, "--blocks", 300, "--model", "eal", "--out", tmp_path / "other") == 1
     assert run("view", out, "--frames", "7") == 1
     assert "FIRST:LAST" in capsys.readouterr().err
 
@@ -195,7 +217,7 @@ def test_findings_of_stretches_tell_the_frames_of_the_recording():
     xyz[350:, 8] += 0.5
     tracks = marker_tracks(names, film.truth.t_s, xyz)
     skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8])
-    found = long_recording(of_points(tracks, skeleton, name="bat")).cleaned(slice(200, 450)).findings
+    found = clean(of_points(tracks, skeleton, name="bat").at(slice(200, 450)), first=200).findings
     said = " ".join(map(str, found))
     assert "from frame 261 to 280" in said
     assert "between frames 350 and 351" in said
@@ -237,7 +259,7 @@ def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
         joints={"wing": ("rump", "root", "tip")},
         measures={"forward": ["rump", "neck"], "left": ["keel", "root"], "strokes": {"wing": ["root", "tip"]}},
     )
-    recording = long_recording(of_points(marker_tracks(list(points), t_s, xyz), skeleton, name="flight"))
+    recording = of_points(marker_tracks(list(points), t_s, xyz), skeleton, name="flight")
     in_blocks(recording, tmp_path / "blocks", size=200)
     in_blocks(recording, tmp_path / "whole", size=600)
     for name in ("cycles.csv", "angles.csv"):
@@ -249,3 +271,40 @@ def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
             if title in found:  # its noise of 0.1 mm is 0.1 degrees of the limb
                 np.testing.assert_allclose(found[title], whole[title], atol=0.2)
     assert "wing_flexion_deg" in found
+
+
+def test_rays_in_blocks_of_which_some_show_nothing(tmp_path, monkeypatch):
+    """The report has residuals and counts of all frames; where nothing is seen all is missing, and is written."""
+    monkeypatch.setattr("mocap.pipeline.blocks.MOST", 20)
+    monkeypatch.setattr("mocap.pipeline.blocks.LEAST", 10)
+    monkeypatch.setattr("mocap.pipeline.blocks.LEAST_S", 0.0)
+    film = make_bat(n_frames=400, n_cameras=3)
+    names, uv = film.truth.names[:9], np.array(film.pixels.uv_px[:, :, :9])
+    uv[:, 120:280] = np.nan
+    pixels = replace(film.pixels, names=names, uv_px=uv)
+    joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
+    skeleton = Skeleton(name="trunk", markers=names, trunk=names[4:8], joints=(joint,))
+    report = in_blocks(of_pixels(pixels, film.cameras, skeleton, name="bat"), tmp_path / "out", size=50)
+    assert report["tracked_frames"] == [1, 400]
+    assert report["samples"]["total"] == 400 * 9
+    assert report["samples"]["missing"] == pytest.approx(0.4, abs=0.15)  # less what is extrapolated
+    assert 0 < report["residual_px"]["50%"] < 2
+    assert report["joints"]["neck"]["samples"] > 30
+    assert not any("in 7 other blocks" in text and "corner" in text for text in report["findings"])
+    table = pd.read_parquet(tmp_path / "out" / "kinematics.parquet")
+    assert table["frame"].tolist() == list(range(1, 401))
+    assert table["neck_flexion_deg"][150:250].isna().all()
+    assert table["neck_flexion_deg"][:100].notna().all()
+    assert mocap.load(tmp_path / "out").report["cameras"] == [camera.name for camera in film.cameras]
+
+
+def test_a_mixture_is_learned_once(bat):
+    """Of stretches of the recording; those inside a block are no part of what it is tracked with."""
+    learned, why = learn_excerpts(bat)
+    assert why == "learned from 1 x 400 frames of it"
+    assert [trial.name for trial in learned.trials] == ["frames 1 to 400"]
+    run, cleaned, own = track_block(bat, range(200, 400), learned=learned, excerpts=True)
+    assert run.model == "learned"
+    assert own.stop - own.start == 200
+    hidden = np.isnan(cleaned.xyz_m[own][..., 0])
+    assert np.isfinite(run.xyz_m[own][hidden]).all()

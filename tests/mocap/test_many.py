@@ -8,7 +8,7 @@ import mocap
 from eal import fit_potential
 from eal.sums import total
 from mocap.errors import MocapError
-from mocap.pipeline.blocks import learn_once, long_recording, track_block
+from mocap.pipeline.job import run_job
 from mocap.pipeline.many import learn_joints
 from mocap.pipeline.recording import of_points
 from mocap.records import marker_tracks
@@ -82,8 +82,7 @@ def test_results_on_disk(tmp_path):
         joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
         skeleton = Skeleton(name="bat", markers=names, joints=(joint,))
         tracks = marker_tracks(names, film.truth.t_s, film.truth.xyz_m[:, :9])
-        recording = long_recording(of_points(tracks, skeleton, name=f"{seed}"))
-        run, _, _ = track_block(recording, learn_once(recording, model="constant_velocity"), range(80))
+        run, _ = run_job(of_points(tracks, skeleton, name=f"{seed}"), model="constant_velocity", validated=False)
         (tmp_path / f"{seed}").mkdir()
         write_arrays(run, tmp_path / f"{seed}")
         (tmp_path / f"{seed}" / "report.json").write_text("{}")

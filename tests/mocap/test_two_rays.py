@@ -9,7 +9,7 @@ from mocap.filters.hidden_gaps import EACH_MARKER, Effort
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.cameras.camera import record
-from mocap.pipeline.blocks import learn_once, long_recording, track_block
+from mocap.pipeline.blocks import track_block
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
@@ -190,9 +190,8 @@ def test_long_recordings_are_checked_block_by_block(scene, learned):
     uv[2:, 30:70, :5] = np.nan  # enough of two rays to be worth the pass
     film = replace(film, uv_px=uv)
     skeleton = Skeleton(name="bat", markers=pixels.names)
-    long = long_recording(of_pixels(film, bat.cameras, skeleton, name="bat"))
-    run, _, findings = track_block(long, learn_once(long, learned=learned), range(100))
+    run, cleaned, _ = track_block(of_pixels(film, bat.cameras, skeleton, name="bat"), range(100), learned=learned)
     asked = unconfirmed(prepared(bat, film))[:, wrong]
     assert asked.sum() > 15
     assert (run.tracks.status[asked, wrong] == Status.REJECTED).all()
-    assert any("meet away from where the motion" in found.text for found in findings)
+    assert any("meet away from where the motion" in found.text for found in cleaned.findings)

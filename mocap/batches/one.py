@@ -63,7 +63,15 @@ def _in_blocks(
     """A long recording, block by block as ``mocap track`` does."""
     name, learned = (model, None) if isinstance(model, str) else ("auto", model.learned)
     with result_folder(out / trial.name, "track", replace=True, inputs=recording.inputs) as stage:
-        found = write_in_blocks(recording, stage, model=name, learned=learned, seed=options.seed, progress=progress)
+        found = write_in_blocks(
+            recording,
+            stage,
+            model=name,
+            learned=learned,
+            validate=options.validate,
+            seed=options.seed,
+            progress=progress,
+        )
         found = _timeless(found)
         write_report(found, stage)
         record = Record(trial=trial.name, status="done", row=figures(found, trial), key=key)

@@ -120,7 +120,14 @@ def track(
 
                 told = None if learned is None else learned.learned
                 result = write_in_blocks(
-                    recording, folder, model=model, learned=told, size=size, footer=footer, progress=tell
+                    recording,
+                    folder,
+                    model=model,
+                    learned=told,
+                    size=size,
+                    validate=validate,
+                    footer=footer,
+                    progress=tell,
                 )
             else:
                 result = mocap.track(

@@ -6,6 +6,7 @@ frames; a block is therefore tracked with a margin in which that has happened (`
 kept. docs/howto/long_recordings.md has what differs from tracking the whole at once.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from mocap.errors import MocapError
 from mocap.filters.model import LearnedModel
 from mocap.filters.models.registry import NAMED
+from mocap.filters.score import Score
 from mocap.io.tables_long import LongTable
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
@@ -140,7 +142,9 @@ def track_block(
     model: str = "constant_velocity",
     learned: LearnedModel | None = None,
     excerpts: bool = False,
-) -> tuple[Recording, Recording, slice]:
+    validated: bool = False,
+    seed: int = 0,
+) -> tuple[Recording, Recording, slice, Mapping[str, Score]]:
     """Track one block with its margins, as ``run_job`` tracks a recording; where no pose is shown, each marker alone.
 
     Args:
@@ -149,9 +153,12 @@ def track_block(
         model: Of ``mocap.filters.models.registry.NAMED``.
         learned: A model to track with in its place.
         excerpts: Whether that was learned from stretches of this recording; those of these frames are left out.
+        validated: Whether to hide samples and measure how they are filled.
+        seed: Which samples to hide.
 
     Returns:
-        The block with its margins as it was tracked, and as it was cleaned; which of its frames are the block's own.
+        The block with its margins as it was tracked, and as it was cleaned; which of its frames are the block's own;
+        and how gaps that were hidden in it were filled.
     """
     first = max(0, core.start - MOST)
     around = recording.at(slice(first, min(len(recording.t_s), core.stop + MOST)))
@@ -167,14 +174,19 @@ def track_block(
         asked = asked_for(part.names, part.skeleton, n_frames=len(seen))
         empty = of_tracks(nowhere, part.skeleton, name=part.name, model=model)
         empty = replace(empty, data=with_motion(empty.data, motion_of(nowhere, slice(0, 0), None, asked)))
-        return empty, replace(empty, findings=cleaned.findings), own
+        return empty, replace(empty, findings=cleaned.findings), own, {}
     posed = why_no_pose(cleaned, seen_part(cleaned)) is None
     if not posed and NAMED[model].posed:
         model = "constant_velocity"
     if excerpts and learned is not None:
         begin, end = part.t_s[0], part.t_s[-1]
         learned = replace(learned, trials=tuple(t for t in learned.trials if t.t_s[-1] < begin or t.t_s[0] > end))
-    tracked, cleaned, *_ = track_part(
-        cleaned, model=model, learned=learned if posed else None, stages=Stages(), validated=False
+    tracked, cleaned, _, _, scores = track_part(
+        cleaned,
+        model=model,
+        learned=learned if posed else None,
+        stages=Stages(),
+        validated=validated,
+        seed=seed,
     )
-    return tracked, cleaned, own
+    return tracked, cleaned, own, scores

@@ -1,6 +1,6 @@
 """Track a long recording in blocks, into a folder; look at any range of its frames."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from eal.threads import one_blas_thread
 from mocap.errors import FormatError
 from mocap.filters.model import LearnedModel
 from mocap.filters.models.registry import NAMED
+from mocap.filters.score import Score
 from mocap.findings import over_blocks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles
@@ -41,6 +42,7 @@ def write_in_blocks(
     model: str = "auto",
     learned: LearnedModel | None = None,
     size: int = BLOCK,
+    validate: bool = True,
     seed: int = 0,
     footer: str = "",
     progress: Tell = silent,
@@ -58,7 +60,8 @@ def write_in_blocks(
         model: As of ``mocap.track``.
         learned: A model of other trials to track with, in place of these; None: none.
         size: Frames of a block.
-        seed: Where gaps are hidden to learn from.
+        validate: Whether samples of the first block that shows enough are hidden, to measure how they are filled.
+        seed: Where gaps are hidden, to learn from and for that.
         footer: What the readable report ends with.
         progress: Called with the name of the stage and the share of it that is done.
 
@@ -72,6 +75,7 @@ def write_in_blocks(
     thin: list[tuple[Recording, Recording]] = []
     detail: tuple[int, Recording] | None = None
     seen: list[int] = []
+    scores: Mapping[str, Score] = {}
     with one_blas_thread(), BlockWriter(folder, fps=1 / recording.dt_s) as writer:
         with stages.stage("learn once"):
             recording = with_ideal_pixels(recording) if recording.filmed else recording
@@ -84,7 +88,16 @@ def write_in_blocks(
         for core in blocks_of(n_frames, size):
             with stages.stage("track in blocks") as share:
                 share(core.start / n_frames)
-                run, cleaned, own = track_block(recording, core, model=name, learned=learned, excerpts=excerpts)
+                run, cleaned, own, tried = track_block(
+                    recording,
+                    core,
+                    model=name,
+                    learned=learned,
+                    excerpts=excerpts,
+                    validated=validate and not scores,
+                    seed=seed,
+                )
+                scores = scores or tried
             with stages.stage("kinematics and tables"):
                 found = kinematics(run.motion, run.skeleton, recording=run.name)
                 rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
@@ -108,7 +121,7 @@ def write_in_blocks(
             tracked = replace(tracked, data=with_motion(tracked.data, still(tracked.tracks)), findings=told)
             part = Part(frames=slice(seen[0], seen[-1]), markers=np.arange(len(tracked.names)))
             sums = {**sums, "blocks": {"frames": size, "every": every, "shown": len(tracked.t_s)}}
-            tracked = reported(tracked, cleaned, part, why=why, scores={}, stages=stages, whole=sums)
+            tracked = reported(tracked, cleaned, part, why=why, scores=scores, stages=stages, whole=sums)
             tracked = Tracked.of(tracked).with_report(footer)
             write_arrays(tracked, folder)
             write_report(tracked, folder)

@@ -87,7 +87,7 @@ def test_blocks_give_the_track_of_the_whole(bat, whole):
     """
     parts = []
     for core in blocks_of(T, 200):
-        run, _, own = track_block(bat, core)
+        run, _, own, _ = track_block(bat, core)
         assert own.stop - own.start == len(core)
         names = ["position", "covariance", "status", "velocity"]
         parts.append(run.at(own).data[names])
@@ -176,6 +176,7 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
     monkeypatch.setattr("mocap.results.long_result.OVERVIEW", 250)
     report = in_blocks(bat, tmp_path / "out", size=400)
     assert report["blocks"] == {"frames": 400, "every": 3, "shown": 234}
+    assert report["validation"]["hidden_samples"] > 0  # of one block
     stored = read_recording(tmp_path / "out" / "recording.rrd", name="bat")
     np.testing.assert_allclose(np.diff(stored.t_s), 3 * bat.dt_s, atol=1e-8)
     frames = set()
@@ -303,7 +304,7 @@ def test_a_mixture_is_learned_once(bat):
     learned, why = learn_excerpts(bat)
     assert why == "learned from 1 x 400 frames of it"
     assert [trial.name for trial in learned.trials] == ["frames 1 to 400"]
-    run, cleaned, own = track_block(bat, range(200, 400), learned=learned, excerpts=True)
+    run, cleaned, own, _ = track_block(bat, range(200, 400), learned=learned, excerpts=True)
     assert run.model == "learned"
     assert own.stop - own.start == 200
     hidden = np.isnan(cleaned.xyz_m[own][..., 0])

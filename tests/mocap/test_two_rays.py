@@ -190,7 +190,7 @@ def test_long_recordings_are_checked_block_by_block(scene, learned):
     uv[2:, 30:70, :5] = np.nan  # enough of two rays to be worth the pass
     film = replace(film, uv_px=uv)
     skeleton = Skeleton(name="bat", markers=pixels.names)
-    run, cleaned, _ = track_block(of_pixels(film, bat.cameras, skeleton, name="bat"), range(100), learned=learned)
+    run, cleaned, *_ = track_block(of_pixels(film, bat.cameras, skeleton, name="bat"), range(100), learned=learned)
     asked = unconfirmed(prepared(bat, film))[:, wrong]
     assert asked.sum() > 15
     assert (run.tracks.status[asked, wrong] == Status.REJECTED).all()

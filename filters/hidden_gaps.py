@@ -174,19 +174,19 @@ def _part(trial: MarkerTrial, inside: slice) -> MarkerTrial:
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
 
 
-def gaps_like_own(trials: TrialSet, *, seed: int = 0) -> HiddenGaps:
+def gaps_like_own(trials: TrialSet, *, times: int, seed: int = 0) -> HiddenGaps:
     """Gaps like the recording's own, hidden in it (``hide_own``); where it has none, any (``hide_neighbours``).
-
-    Those in the 300 frames of which most is hidden are filled.
 
     Args:
         trials: Trials; the last is the recording.
+        times: So many draws, of each the stretch of 300 frames of which most is hidden.
         seed: Where to.
     """
-    trial, rng, most = trials.trials[-1], np.random.default_rng(seed), 300
-    hidden = within(hide_own(trial, rng), most)
-    hidden = hidden if hidden.gaps else hide_neighbours(best_of(trial, most), rng, turn=0)
-    return _of_the_last(trials, hidden)
+    trial, rng, most, found = trials.trials[-1], np.random.default_rng(seed), 300, []
+    for turn in range(times):
+        hidden = within(hide_own(trial, rng), most)
+        found.append(hidden if hidden.gaps else hide_neighbours(best_of(trial, most), rng, turn=turn))
+    return _of_the_last(trials, *found)
 
 
 def own_gaps(trials: TrialSet) -> HiddenGaps:
@@ -200,9 +200,9 @@ def own_gaps(trials: TrialSet) -> HiddenGaps:
     return _of_the_last(trials, hide_neighbours(best_of(trials.trials[-1], 500), np.random.default_rng(0)))
 
 
-def _of_the_last(trials: TrialSet, hidden: Hidden[MarkerTrial]) -> HiddenGaps:
-    every, last = trials.trials, len(trials.trials) - 1
-    return HiddenGaps(trials=every, anatomy=trials.anatomy, hidden=[(last, hidden)] if hidden.gaps else [])
+def _of_the_last(trials: TrialSet, *hidden: Hidden[MarkerTrial]) -> HiddenGaps:
+    last = len(trials.trials) - 1
+    return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, one) for one in hidden if one.gaps])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

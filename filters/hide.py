@@ -224,7 +224,7 @@ class Hidden(Generic[Recorded]):
         return sum(gap.length == frames for gap in self.gaps)
 
 
-def hide_own(trial: MarkerTrial, rng: np.random.Generator, *, share: float = 0.2) -> Hidden[MarkerTrial]:
+def hide_own(trial: MarkerTrial, rng: np.random.Generator, *, share: float = 0.1) -> Hidden[MarkerTrial]:
     """Hide gaps like the trial's own: all of its gaps, moved together in time to where their markers are seen.
 
     What is missing together stays together, for as many frames. Markers that go missing alike are one gap. Moves are

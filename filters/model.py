@@ -210,7 +210,7 @@ def track_alone(
         None: no gap could be hidden.
     """
     trials = TrialSet([recording], anatomy_of(names, trunk, bones, bodies=bodies))
-    gaps = gaps_like_own(trials, seed=seed)
+    gaps = gaps_like_own(trials, times=2, seed=seed)
     if not gaps.hidden:
         return None
     models, more = models_alone(settings, trials), [*(compared or {}).values()]
@@ -375,7 +375,7 @@ def track_with(
     models, gaps = models_of(learned, trials), own_gaps(trials)
     hidden: list[tuple[HiddenGaps, Sequence[TrajectoryModel]]] = [(gaps, models)]
     if compared is not None:
-        like = gaps_like_own(trials, seed=seed)
+        like = gaps_like_own(trials, times=1, seed=seed)
         hidden += [(like, models), (like.alone(), [*compared.values()])]
     every, (own, *found) = _estimates(models, trials, observations, hidden, asked, progress, call_all)
     track = every.mixed(learned.mixture.calibrated(own) if gaps.hidden else learned.mixture)
@@ -402,7 +402,7 @@ def filled_alone(
         progress: Called with the share done.
         call_all: Makes the calls that do not wait for each other.
     """
-    gaps = gaps_like_own(trials, seed=seed)
+    gaps = gaps_like_own(trials, times=1, seed=seed)
     if not gaps.hidden:
         return {}
     found = gaps.together(call_all(gaps.calls([*models.values()]), progress), [*models.values()])

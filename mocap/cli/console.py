@@ -156,7 +156,8 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
     counts = report["frames"], len(report["markers"]), len(report["cameras"])
     size = ", ".join(number_of(n, thing) for n, thing in zip(counts, ("frame", "marker", "camera"), strict=True) if n)
     lines = _indented(f"{report['name']}: {size}", "")
-    lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.csv, kinematics.csv)")
+    kind = "parquet" if "blocks" in report else "csv"
+    lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.{kind}, kinematics.{kind})")
     if not report.get("plane"):
         lines += _indented(f"Look:   {typed(program(), 'view', out)}   (in the browser: add --web)")
     after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]

@@ -36,8 +36,8 @@ def controls(prepared: Recording, truth_m: np.ndarray) -> dict[str, dict[str, fl
     part = seen_part(prepared)
     seen, out = np.isfinite(prepared.xyz_m[..., 0]), {}
     for name, settings in (("eal", PoseSettings()), ("eal_no_potential", PoseSettings(potential="none"))):
-        model = learn_motion(prepared, part, settings)
-        markers = with_track(prepared, part, name, track(prepared, part, model)).tracks
+        model = learn_motion(part, settings)
+        markers = with_track(prepared, part, name, track(part, model)).tracks
         out[name] = compared(markers.xyz_m, markers.cov_m2, truth_m, interior_gaps(seen)).as_json()
     return out
 

@@ -44,7 +44,7 @@ from eal.arrays import Z95, Array
 from mocap.io.dvproject import read_project
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import of_pixels, with_ideal_pixels
-from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.pipeline.tracking import marker_trial, seen_frames
 
 POINTS = (
     *("t3L", "wstL", "t5L", "elbL", "shdL", "ankL", "nl", "str"),
@@ -89,14 +89,14 @@ def flight(path: Path) -> Flight:
     lens = project.cameras[0].lens is None
     film = with_ideal_pixels(of_pixels(pixels, project.cameras, name=path.parent.name, fit_lens=lens))
     prepared = clean(film)
-    part = replace(seen_part(prepared), markers=np.arange(len(POINTS)))
+    frames = seen_frames(prepared)
     day = re.search(r"\d+ ?[A-Z][a-z]{2,8} ?\d{4}", path.stem)
     return Flight(
         bat=path.parent.parent.name,
         day="" if day is None else re.sub(r"([A-Z][a-z]{2})[a-z]*", r"\1", day[0]),
-        trial=replace(marker_trial(prepared, part), name=path.parent.name),
+        trial=replace(marker_trial(prepared.at(frames)), name=path.parent.name),
         matrices=film.matrices,
-        uv_px=film.ideal_px[:, part.frames],
+        uv_px=film.ideal_px[:, frames],
     )
 
 

@@ -126,7 +126,7 @@ def tracking(files: Path) -> list[Case]:
 
     from mocap.pipeline.cleaning import clean
     from mocap.pipeline.job import run_job
-    from mocap.pipeline.tracking import marker_trial, part_names, seen_part
+    from mocap.pipeline.tracking import marker_trial, seen_part
     from mocap.reproduce.fig_penalty import figure_14a
 
     twin = make_lizard(seed=0, n_frames=150)
@@ -135,8 +135,8 @@ def tracking(files: Path) -> list[Case]:
     run, figure = run_job(source, model="constant_velocity", validated=False), figure_14a(quick=True)
     prepared = clean(source)
     part = seen_part(prepared)
-    trial = marker_trial(prepared, part)
-    learned = learn_model(part_names(prepared, part), (), [trial], np.random.default_rng(0))
+    trial = marker_trial(part)
+    learned = learn_model(part.names, (), [trial], np.random.default_rng(0))
     base = [str(paths["pixels"]), "--dlt", str(paths["coefficients"]), "--fps", f"{twin.fps:g}"]
     ask = ["--skeleton", str(paths["skeleton"]), "--out", "OUT", "--force"]
     return [

@@ -21,7 +21,7 @@ from benchmarks.gaps.method import Filler, Trial
 from benchmarks.gaps.ours import Ours
 from benchmarks.gaps.prepared import recording
 from eal.arrays import Array
-from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.pipeline.tracking import marker_trial, seen_frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,8 +89,7 @@ def shapes_in(subspace: PoseSubspace, y: Array) -> Array:
 def whole(trial: Trial) -> MarkerTrial:
     """A trial as the product learns from it."""
     prepared = recording(trial)
-    part = seen_part(prepared)
-    return marker_trial(prepared, replace(part, markers=np.arange(len(prepared.names))))
+    return marker_trial(prepared.at(seen_frames(prepared)))
 
 
 @dataclass(frozen=True)

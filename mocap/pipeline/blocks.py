@@ -122,7 +122,7 @@ def learn_excerpts(recording: Recording, *, model: str = "auto", seed: int = 0) 
         if sighted(part).any():
             shown.append(replace(clean(part, first=start), name=f"frames {start + 1} to {start + length}"))
     shown = [one for one in shown if np.isfinite(one.xyz_m[..., 0]).any()]
-    reasons = [why_no_pose(one, seen_part(one)) for one in shown]
+    reasons = [why_no_pose(seen_part(one)) for one in shown]
     try:
         if None not in reasons:
             raise MocapError(reasons[0] if reasons else "no marker is seen in the frames that are learned from")
@@ -175,13 +175,13 @@ def track_block(
         empty = of_tracks(nowhere, part.skeleton, name=part.name, model=model)
         empty = replace(empty, data=with_motion(empty.data, motion_of(nowhere, slice(0, 0), None, asked)))
         return empty, replace(empty, findings=cleaned.findings), own, {}
-    posed = why_no_pose(cleaned, seen_part(cleaned)) is None
+    posed = why_no_pose(seen_part(cleaned)) is None
     if not posed and NAMED[model].posed:
         model = "constant_velocity"
     if excerpts and learned is not None:
         begin, end = part.t_s[0], part.t_s[-1]
         learned = replace(learned, trials=tuple(t for t in learned.trials if t.t_s[-1] < begin or t.t_s[0] > end))
-    tracked, cleaned, _, _, scores = track_part(
+    tracked, cleaned, _, scores = track_part(
         cleaned,
         model=model,
         learned=learned if posed else None,

@@ -7,12 +7,11 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eal.over_time import at_frames
 from eal.threads import one_blas_thread
 from mocap.errors import MocapError, beside
-from mocap.filters.body_axes import BodyFrames
+from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
 from mocap.filters.models.base import FittedMotion, TrajectoryModel
@@ -31,16 +30,13 @@ from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.report import Counts, make_report, readable
 from mocap.pipeline.tracking import (
-    Part,
     learn_motion,
     marker_trial,
-    part_names,
     seen_part,
     track,
     track_mixed,
     tracks_alone,
     trial_set,
-    trunk_frames,
     why_no_pose,
     with_track,
 )
@@ -52,8 +48,8 @@ from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.text import as_text
 
-Watch = Callable[[Recording, Part, MotionModel], None]
-"""Filters a recording for somebody who watches."""
+Watch = Callable[[Recording, Recording, MotionModel], None]
+"""Filters the seen part of a recording for somebody who watches."""
 MODELS = ("auto", "mixture", *NAMED)
 """What ``model`` may be called."""
 JOINT_HZ = 30.0
@@ -109,10 +105,10 @@ def run_job(
     """
     stages = stages or Stages()
     with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
-        tracked, recording, part, why, scores = track_part(
+        tracked, recording, why, scores = track_part(
             source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
         )
-        return reported(tracked, recording, part, why=why, scores=scores, stages=stages), recording
+        return reported(tracked, recording, why=why, scores=scores, stages=stages), recording
 
 
 def track_part(
@@ -124,60 +120,59 @@ def track_part(
     validated: bool,
     seed: int = 0,
     watch: Watch | None = None,
-) -> tuple[Recording, Recording, Part, str, Mapping[str, Score]]:
+) -> tuple[Recording, Recording, str, Mapping[str, Score]]:
     """Track a recording, as ``run_job`` does, without potentials and a report.
 
     Returns:
-        The recording as it was tracked, with joints, and as it was cleaned; its seen part; why it was tracked by that
-        model; and how gaps that were hidden in it were filled.
+        The recording as it was tracked, with joints, and as it was cleaned; why it was tracked by that model; and how
+        gaps that were hidden in it were filled.
     """
     if not source.cleaned and of_one_camera(source):
         with stages.stage("track one camera") as progress:
             recording, part, smoothed, asked, why = track_one_camera(source, learned, progress=progress)
-        return _with_all(recording, part, NAME, smoothed, asked), recording, part, why, {}
+        return _with_all(recording, part, NAME, smoothed, asked), recording, why, {}
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):
         with stages.stage("check points of two rays"):
-            recording = without_contradicted(recording, part, learned)
+            recording = without_contradicted(recording, learned)
             part = seen_part(recording)
     asked = asked_for(recording.names, recording.skeleton, n_frames=len(recording.t_s))
     if watch is not None:
         with stages.stage("filter live"):
             alone = model if model in NAMED else "eal" if posed else "constant_velocity"
-            watch(recording, part, learn_motion(recording, part, NAMED[alone].settings).motion)
+            watch(recording, part, learn_motion(part, NAMED[alone].settings).motion)
     mixing = learned is None and posed and model not in NAMED
     beside = _compared(model, reason, mixing=mixing) if validated else None
     mixed, scores = None, {}
     if mixing or learned is not None:
         with stages.stage("track with a mixture of models" if mixing else "track") as progress:
-            mixed = track_mixed(recording, part, learned, asked=asked, compared=beside, seed=seed, progress=progress)
+            mixed = track_mixed(part, learned, asked=asked, compared=beside, seed=seed, progress=progress)
         scores = {} if mixed is None else mixed.scores
     elif beside:
         with stages.stage("validate on hidden samples") as progress:
-            trials = trial_set(recording, part)
-            scores = filled_alone(trials, beside, seed=seed, progress=progress, call_all=call_all)
+            scores = filled_alone(trial_set(part), beside, seed=seed, progress=progress, call_all=call_all)
     name, why = _choose(model, reason, scores)
     if learned is not None:
-        name, why = "learned", _learned_from(learned, recording, part)
+        name, why = "learned", _learned_from(learned, part)
     smoothed, own = None if mixed is None or name in NAMED else mixed.markers, None
     if smoothed is None:
         name = "eal" if name == "mixture" else name
         with stages.stage("learn"):
-            own = learn_motion(recording, part, NAMED[name].settings)
+            own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
-            smoothed = track(recording, part, own, asked=asked, progress=progress)
-    return _with_all(recording, part, name, smoothed, asked, own), recording, part, why, scores
+            smoothed = track(part, own, asked=asked, progress=progress)
+    return _with_all(recording, part, name, smoothed, asked, own), recording, why, scores
 
 
 def _prepared(
     source: Recording, model: str, learned: LearnedModel | None, stages: Stages
-) -> tuple[Recording, Part, str | None, LearnedModel | None]:
+) -> tuple[Recording, Recording, str | None, LearnedModel | None]:
     """The recording cleaned, its seen part, why no pose can be learned of it, and the model with its names."""
     with stages.stage("read, triangulate, clean"):
         recording = clean(source)
         part = seen_part(recording)
-        reason = why_no_pose(recording, part)
+        reason = why_no_pose(part)
         learned = None if learned is None else renamed(learned, recording.skeleton.renamed(learned.names))
     if reason is not None and (model == "mixture" or (model in NAMED and NAMED[model].posed)):
         raise MocapError(f"{recording.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
@@ -193,21 +188,22 @@ def _compared(model: str, reason: str | None, *, mixing: bool) -> dict[str, Traj
 
 
 def _with_all(
-    recording: Recording, part: Part, name: str, smoothed: Estimate, asked: Asked, own: FittedMotion | None = None
+    recording: Recording, part: Recording, name: str, smoothed: Estimate, asked: Asked, own: FittedMotion | None = None
 ) -> Recording:
     """The recording as it was tracked, with joints, limbs that were held, and angles that were the state."""
     tracked = with_track(recording, part, name, smoothed, asked)
     joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(recording))
-    frames = _frames_of(len(recording.t_s), part)
+    inside, _ = recording.place(part)
+    frames = np.arange(len(recording.t_s)) - inside.start
+    frames[(frames < 0) | (frames >= len(part.t_s))] = -1
     data = with_limbs(with_joints(tracked.data, joints), [at_frames(limb, frames) for limb in smoothed.held])
-    angles = _angles(smoothed, own, recording, part)
+    angles = _angles(smoothed, own, part.names)
     return replace(tracked, data=data if angles is None else with_angles(data, at_frames(angles, frames)))
 
 
 def reported(
     tracked: Recording,
     recording: Recording,
-    part: Part,
     *,
     why: str,
     scores: Mapping[str, Score],
@@ -219,7 +215,6 @@ def reported(
     Args:
         tracked: The recording as it was tracked.
         recording: As it was cleaned.
-        part: Its seen part.
         why: Why it was tracked by that model.
         scores: How gaps that were hidden in it were filled.
         stages: Timer and progress.
@@ -235,7 +230,6 @@ def reported(
         planar, spatial = (joint_potentials(one, markers, skeleton) for one in (joints[FRAME], joints[SPACE]))
     report = make_report(
         recording,
-        part,
         tracked,
         planar,
         why_model=why,
@@ -263,20 +257,13 @@ def still(markers: MarkerTracks) -> Motion:
     return without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured)
 
 
-def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
-    """Frames of the tracked part for all frames of the recording; -1 outside of it."""
-    index = np.arange(n_frames) - part.frames.start
-    index[(index < 0) | (index >= part.frames.stop - part.frames.start)] = -1
-    return index
-
-
-def _angles(smoothed: Estimate, model: FittedMotion | None, recording: Recording, part: Part) -> JointAngles | None:
+def _angles(smoothed: Estimate, model: FittedMotion | None, names: Sequence[str]) -> JointAngles | None:
     """Joint angles of the tracked part, where they are the state."""
     found, energies = smoothed.angles, smoothed.energies
     if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
         return None
-    motion, names = model.motion, part_names(recording, part)
-    ends = [(names[a], names[b]) for a, b in motion.ends]
+    motion = model.motion
+    ends = [(names[int(a)], names[int(b)]) for a, b in motion.ends]
     freedoms = np.bincount(motion.tree.joint, minlength=len(ends)).tolist()
     return JointAngles(
         names=angle_names(ends, freedoms),
@@ -290,17 +277,22 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, recording: Recording
 
 
 def whole_frames(recording: Recording) -> BodyFrames:
-    """Body frames of every frame of the recording; outside the seen part those of its ends."""
+    """Body frames of every frame, from the skeleton's trunk, or from all markers if none of it is seen.
+
+    Outside the seen part they are those of its ends.
+    """
     part = seen_part(recording)
-    inner = trunk_frames(recording, part, cutoff_hz=JOINT_HZ)
-    index = np.clip(np.arange(len(recording.t_s)) - part.frames.start, 0, len(inner.rotation) - 1)
+    trunk = [part.names.index(name) for name in recording.skeleton.trunk if name in part.names]
+    xyz_m = part.xyz_m[:, trunk] if trunk else part.xyz_m
+    inner, (frames, _) = body_frames(xyz_m, dt_s=recording.dt_s, cutoff_hz=JOINT_HZ), recording.place(part)
+    index = np.clip(np.arange(len(recording.t_s)) - frames.start, 0, len(xyz_m) - 1)
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
-def _learned_from(learned: LearnedModel, recording: Recording, part: Part) -> str:
+def _learned_from(learned: LearnedModel, part: Recording) -> str:
     """Names of the trials that are used, how they were scaled, and which is the recording itself."""
-    own = marker_trial(recording, part)
-    factors = {t.name: size_factor(t, own) for t in for_recording(learned, part_names(recording, part), own)}
+    own = marker_trial(part)
+    factors = {t.name: size_factor(t, own) for t in for_recording(learned, part.names, own)}
     used = [name if factor == 1 else f"{name} (x {factor:.3g})" for name, factor in factors.items()]
     itself = [trial.name for trial in learned.trials if trial.name not in factors]
     scaled = "; scaled to this animal's size" if any(factor != 1 for factor in factors.values()) else ""

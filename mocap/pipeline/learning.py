@@ -20,7 +20,7 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.model_file import load_model as read_model
 from mocap.pipeline.model_file import save_model
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.pipeline.tracking import marker_trial, seen_frames
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.text import number_of, plain
@@ -185,8 +185,8 @@ class _Shown:
 
     @classmethod
     def of(cls, recording: Recording) -> "_Shown":
-        part = replace(seen_part(recording), markers=np.arange(len(recording.names)))
-        return cls(recording.names, best_of(marker_trial(recording, part), LONGEST), recording.skeleton)
+        part = recording.at(seen_frames(recording))
+        return cls(recording.names, best_of(marker_trial(part), LONGEST), recording.skeleton)
 
     def with_markers(self, names: Sequence[str]) -> MarkerTrial:
         """All markers of the model, in its order."""

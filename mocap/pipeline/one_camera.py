@@ -20,7 +20,6 @@ from mocap.filters.velocities import Asked
 from mocap.kinematics.points import asked_for
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import Part
 from mocap.records import Status
 
 NAME = "one camera"
@@ -68,12 +67,12 @@ def track_one_camera(
     learned: LearnedModel | None,
     *,
     progress: Callable[[float], None] | None = None,
-) -> tuple[Recording, Part, Estimate, Asked, str]:
+) -> tuple[Recording, Recording, Estimate, Asked, str]:
     """Track a recording of one camera.
 
     Returns:
-        The recording, with points where a camera saw the marker; frames and markers that were tracked; what was found;
-        points whose velocities that has; and how the model was made.
+        The recording, with points where a camera saw the marker; the part that was tracked; what was found; points
+        whose velocities that has; and how the model was made.
 
     Raises:
         CalibrationError: there is no model.
@@ -95,14 +94,14 @@ def track_one_camera(
     trials = for_recording(learned, names, empty)
     known = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
     markers = np.flatnonzero(known)
-    part = Part(frames=shown(film.seen[:, :, markers]), markers=markers)
-    if part.frames.stop == 0:
+    frames = shown(film.seen[:, :, markers])
+    if frames.stop == 0:
         raise FormatError(f"{source.where}: no frame shows {LEAST_MARKERS} markers of the model to one camera")
+    part = film.at(frames).only(markers)
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
-    own = [names[m] for m in markers]
+    own, inside = part.names, part.ideal_px
     trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
     prior = learn_prior(trials, trunk)
-    inside = uv[:, part.frames][:, :, markers]
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
     views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
     asked = asked_for(names, skeleton, n_frames=len(t_s))
@@ -118,11 +117,12 @@ def track_one_camera(
     return _cleaned(film, part, found, noise, len(trials)), part, found.estimate, asked, why
 
 
-def _cleaned(film: Recording, part: Part, found: Found, noise: float, trials: int) -> Recording:
+def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trials: int) -> Recording:
     """The recording as others are cleaned: with the points that were found where a marker was seen."""
     n_cameras, n_frames, n_markers, _ = film.ideal_px.shape
     seen = film.seen.any(axis=0)
-    inside = np.ix_(np.arange(n_frames)[part.frames], part.markers)
+    frames, markers = film.place(part)
+    inside = np.ix_(np.arange(n_frames)[frames], markers)
     xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
     residual = np.full((n_frames, n_markers), np.nan)
     xyz[inside], cov[inside], residual[inside] = found.estimate.xyz_m, found.estimate.cov_m2, found.residual_px

@@ -23,7 +23,7 @@ from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.propose_measures import proposed_measures
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import marker_trial, part_names, seen_part
+from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names, number_of
 
@@ -90,7 +90,7 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
     """
     prepared = clean(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
     part = seen_part(prepared)
-    given, renamed = part_names(prepared, part), {}
+    given, renamed = part.names, {}
     if names is not None:
         called = point_names(Path(names) if isinstance(names, str | PathLike) else names, len(prepared.names))
         renamed = dict(zip(prepared.names, called, strict=True))
@@ -100,7 +100,7 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
         body: {aliases.get(name, name): at for name, at in own.items() if name in given}
         for body, own in recording.bodies.items()
     }
-    return _proposal(new, marker_trial(prepared, part), aliases, stated)
+    return _proposal(new, marker_trial(part), aliases, stated)
 
 
 def _proposal(

@@ -433,6 +433,16 @@ class Recording:
             self, data=self.data.isel(time=frames), footage=tuple(at_frames(f, frames) for f in self.footage)
         )
 
+    def only(self, markers: NDArray[np.int64]) -> "Recording":
+        """Some of its markers; the skeleton is that of all."""
+        noise = None if self.noise is None else replace(self.noise, marker=self.noise.marker[markers])
+        return replace(self, data=self.data.isel(keypoint=markers), noise=noise)
+
+    def place(self, part: "Recording") -> tuple[slice, NDArray[np.int64]]:
+        """Frames and markers of a part of it (``at``, ``only``)."""
+        start = int(np.searchsorted(self.t_s, part.t_s[0]))
+        return slice(start, start + len(part.t_s)), np.array([self.names.index(name) for name in part.names])
+
     @cached_property
     def kinematics(self) -> Kinematics:
         """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation.
@@ -453,34 +463,24 @@ class Recording:
             raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
         return self
 
-    def observations(
-        self, frames: slice, markers: NDArray[np.int64], *, hidden: NDArray[np.bool_] | None = None
-    ) -> Observations:
-        """Rows for a tracker, of a recording that was cleaned.
-
-        Args:
-            frames: Frames to track.
-            markers: Markers to track.
-            hidden: (T, M) samples to leave out.
-        """
+    def observations(self, *, hidden: NDArray[np.bool_] | None = None) -> Observations:
+        """Rows for a tracker, of a recording that was cleaned, without (T, M) samples that are hidden."""
         keep = np.ones(self.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
-        keep = keep[frames][:, markers]
-        xyz = np.where(keep[..., None], self.xyz_m[frames][:, markers], np.nan)
-        cov = self.cov_m2[frames][:, markers]
+        xyz, cov = np.where(keep[..., None], self.xyz_m, np.nan), self.cov_m2
         if not self.cameras:
             return PositionObservations(xyz_m=xyz, sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
-        uv = np.where(keep[None, ..., None], self.uv_px[:, frames][:, :, markers], np.nan)
+        uv = np.where(keep[None, ..., None], self.uv_px, np.nan)
         middle = np.nanmedian(self.xyz_m.reshape(-1, 3), axis=0)
         depth = np.median(np.abs(self.matrices[:, 2, :3] @ middle + self.matrices[:, 2, 3]))
         return PixelObservations(
             matrices=self.matrices,
             uv_px=uv,
-            sd_px=self.ray_scale_px[:, frames][:, :, markers],
+            sd_px=self.ray_scale_px,
             dof=np.full(len(uv), USUAL_DOF) if self.noise is None else self.noise.dof,
             xyz_m=xyz,
             cov_m2=cov,
             wide_m=WIDE * float(depth),
-            by_hand=self.by_hand[:, frames][:, :, markers],
+            by_hand=self.by_hand,
         )
 
     def without_needless_calibration(self) -> "Recording":

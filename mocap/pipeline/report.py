@@ -23,7 +23,7 @@ from mocap.pipeline.one_camera import NAME as ONE_CAMERA
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
-from mocap.pipeline.tracking import Part, lasting_cov
+from mocap.pipeline.tracking import lasting_cov, seen_frames
 from mocap.records import Status
 from mocap.text import number_of, plain
 
@@ -74,7 +74,6 @@ def together(one: Counts, other: Counts) -> Counts:
 
 def make_report(
     recording: Recording,
-    part: Part,
     tracked: Recording,
     potentials: Mapping[str, JointPotential],
     *,
@@ -98,7 +97,8 @@ def make_report(
     found = [*recording.findings, *sentences.too_narrow(consistency["nis_per_row"])]
     if not potentials and recording.plane is None and (recording.skeleton.joints or not recording.skeleton.body_joints):
         found.append(sentences.no_joints(recording.skeleton))
-    origin = tracked.tracks.status
+    frames, origin = seen_frames(recording), tracked.tracks.status
+    shown = {"first": frames.start + 1, "last": frames.stop} if whole is None else whole["tracked"]
     late = recording.late_frames
     alike = tracked.tracks.cov_m2 - lasting_cov(recording)  # without errors that last
     repeated = np.sqrt(np.maximum(np.trace(alike, axis1=-2, axis2=-1) / 3, 0.0))
@@ -106,7 +106,7 @@ def make_report(
         "name": recording.name,
         "frames": int(known["frames"]["number"]),
         "fps": float(1 / recording.dt_s),
-        "tracked_frames": [part.frames.start + 1, part.frames.stop],
+        "tracked_frames": [*shown.values()],
         "markers": list(recording.names),
         "cameras": [c.name for c in recording.cameras],
         "late_frames": None if late is None else [float(one) for one in late],

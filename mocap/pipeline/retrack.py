@@ -12,7 +12,7 @@ from mocap.filters.models.registry import NAMED
 from mocap.pipeline.by_hand import straightened, without_hand
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import Recording, of_points
-from mocap.pipeline.tracking import Part, learn_motion, track, with_track
+from mocap.pipeline.tracking import learn_motion, track, with_track
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.skeleton import Skeleton
 
@@ -65,18 +65,14 @@ def tracked_again(
         of = replace(of, cleaned=True)
     else:
         cleaned = clean(recording) if cleaned is None else cleaned
-        data, noise = cleaned.data.isel(keypoint=which, time=window), cleaned.noise
-        noise = None if noise is None else replace(noise, marker=noise.marker[which])
-        of = replace(cleaned, data=data, skeleton=bare, swaps=(), audited=(), noise=noise)
+        of = replace(cleaned.at(window).only(which), skeleton=bare, swaps=(), audited=())
         of = _as_named(of, without_hand(seen), which, sd_px) if of.cameras else of
     if not np.isfinite(of.xyz_m[..., 0]).any():
         raise MocapError(f"nothing is seen of {', '.join(names)} in the frames around: place it in two cameras")
-    part = Part(frames=slice(0, len(seen.t_s)), markers=np.arange(len(which)))
     whole = of_points(marker_tracks(names, tracks.t_s, measured), bare, name=recording.name)
     whole = replace(whole, cleaned=True)
-    long = Part(frames=slice(0, len(tracks.t_s)), markers=part.markers)
-    model = replace(learn_motion(whole, long, NAMED["constant_velocity"].settings), t_s=seen.t_s, rigid=None)
-    return window, with_track(of, part, "constant_velocity", track(of, part, model)).tracks
+    model = replace(learn_motion(whole, NAMED["constant_velocity"].settings), t_s=seen.t_s, rigid=None)
+    return window, with_track(of, of, "constant_velocity", track(of, model)).tracks
 
 
 def _as_named(of: Recording, seen: Recording, which: NDArray[np.int64], sd_px: float) -> Recording:

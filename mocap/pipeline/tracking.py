@@ -1,7 +1,7 @@
 """Learn motion models from a recording that was cleaned, and track with them."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from mocap.cameras.camera import project
 from mocap.cleaning.bias import lasting_share
 from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
-from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
@@ -33,33 +32,28 @@ Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Part:
-    """The part of a recording in which anything is seen.
+def seen_frames(recording: Recording) -> slice:
+    """From the first to the last frame with a point."""
+    frames = np.flatnonzero(np.isfinite(recording.xyz_m[..., 0]).any(axis=1))
+    return slice(int(frames[0]), int(frames[-1]) + 1)
 
-    Attributes:
-        frames: From the first to the last frame with a point.
-        markers: Indices of the markers that are ever seen in 3D.
+
+def seen_part(recording: Recording) -> Recording:
+    """The frames in which anything is seen, of the markers that are ever seen in 3D: what is learned from, and tracked.
+
+    ``recording.place`` says where they are in it.
     """
-
-    frames: slice
-    markers: NDArray[np.int64]
-
-
-def seen_part(recording: Recording) -> Part:
-    """Frames and markers that are seen often enough to be tracked."""
-    seen = np.isfinite(recording.xyz_m[..., 0])
-    frames = np.flatnonzero(seen.any(axis=1))
-    return Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=np.flatnonzero(seen.any(axis=0)))
+    ever = np.isfinite(recording.xyz_m[..., 0]).any(axis=0)
+    return recording.at(seen_frames(recording)).only(np.flatnonzero(ever))
 
 
-def why_no_pose(recording: Recording, part: Part) -> str | None:
-    """Why a whole-pose model cannot be learned from this recording; None where it can."""
-    seen = np.isfinite(recording.xyz_m[part.frames][:, part.markers, 0])
+def why_no_pose(part: Recording) -> str | None:
+    """Why a whole-pose model cannot be learned from the seen part of a recording; None where it can."""
+    seen = np.isfinite(part.xyz_m[..., 0])
     if seen.shape[1] < 4:
         return f"only {seen.shape[1]} markers are seen: a pose needs at least 4"
-    spread = np.nanstd(recording.xyz_m[part.frames][:, part.markers], axis=0)
-    noise = np.sqrt(np.nanmedian(np.trace(recording.cov_m2, axis1=-2, axis2=-1)) / 3) / recording.stated_over_shown
+    spread = np.nanstd(part.xyz_m, axis=0)
+    noise = np.sqrt(np.nanmedian(np.trace(part.cov_m2, axis1=-2, axis2=-1)) / 3) / part.stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
         return "no marker moves by more than its noise"
     together = int((seen.mean(axis=1) >= TOGETHER).sum())
@@ -68,47 +62,27 @@ def why_no_pose(recording: Recording, part: Part) -> str | None:
     return None
 
 
-def trunk_frames(recording: Recording, part: Part, *, cutoff_hz: float) -> BodyFrames:
-    """Body frames of the tracked frames, from the skeleton's trunk, or from all markers if it names none."""
-    wanted = [recording.names.index(m) for m in recording.skeleton.trunk] or list(part.markers)
-    xyz = recording.xyz_m[part.frames][:, np.array(wanted)]
-    if not np.isfinite(xyz).any():
-        xyz = recording.xyz_m[part.frames][:, part.markers]
-    return body_frames(xyz, dt_s=recording.dt_s, cutoff_hz=cutoff_hz)
+def learn_motion(part: Recording, settings: TrajectoryModel) -> FittedMotion:
+    """A motion model learned from a recording alone."""
+    return settings.fit(trial_set(part))
 
 
-def learn_motion(recording: Recording, part: Part, settings: TrajectoryModel) -> FittedMotion:
-    """A motion model learned from the seen part of a recording alone."""
-    return settings.fit(trial_set(recording, part))
-
-
-def part_names(recording: Recording, part: Part) -> list[str]:
-    """Names of the tracked markers."""
-    return [recording.names[int(m)] for m in part.markers]
-
-
-def trial_set(recording: Recording, part: Part) -> TrialSet:
-    """The seen part alone, with its anatomy; see ``marker_trial``."""
-    skeleton, names = recording.skeleton, part_names(recording, part)
+def trial_set(part: Recording) -> TrialSet:
+    """A recording alone, with its anatomy; see ``marker_trial``."""
+    skeleton = part.skeleton
     masses, bodies = skeleton.measures.masses, skeleton.bodies.values()
-    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, masses, bodies=bodies)
-    return TrialSet([marker_trial(recording, part)], anatomy)
+    anatomy = anatomy_of(part.names, skeleton.trunk, skeleton.rigid, masses, bodies=bodies)
+    return TrialSet([marker_trial(part)], anatomy)
 
 
-def marker_trial(recording: Recording, part: Part) -> MarkerTrial:
-    """The seen part as models learn from it: with the noise that it shows, whatever is stated."""
-    cov = recording.cov_m2[part.frames][:, part.markers]
-    return MarkerTrial(
-        name=recording.name,
-        t_s=recording.t_s[part.frames],
-        xyz_m=recording.xyz_m[part.frames][:, part.markers],
-        sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3) / recording.stated_over_shown,
-    )
+def marker_trial(part: Recording) -> MarkerTrial:
+    """A recording as models learn from it: with the noise that it shows, whatever is stated."""
+    sd_m = np.sqrt(np.trace(part.cov_m2, axis1=-2, axis2=-1) / 3) / part.stated_over_shown
+    return MarkerTrial(name=part.name, t_s=part.t_s, xyz_m=part.xyz_m, sd_m=sd_m)
 
 
 def track_mixed(
-    recording: Recording,
-    part: Part,
+    part: Recording,
     learned: LearnedModel | None = None,
     *,
     asked: Asked | None = None,
@@ -116,11 +90,10 @@ def track_mixed(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> MixedTrack | None:
-    """Filter and smooth the seen part with a mixture of models.
+    """Filter and smooth a recording with a mixture of models.
 
     Args:
-        recording: The recording, cleaned.
-        part: Its seen part.
+        part: The seen part of a recording that was cleaned.
         learned: A model of other trials; None: the mixture learns from this recording alone.
         asked: Points whose velocities and joint covariances are kept; None: of none.
         compared: Models that fill hidden gaps, too; None: nothing is scored.
@@ -130,8 +103,8 @@ def track_mixed(
     Returns:
         None: no gap could be hidden, for the recording to teach itself.
     """
-    names, skeleton = part_names(recording, part), recording.skeleton
-    trial, seen = marker_trial(recording, part), recording.observations(part.frames, part.markers)
+    names, skeleton = part.names, part.skeleton
+    trial, seen = marker_trial(part), part.observations()
     options: dict[str, Any] = {"compared": compared, "seed": seed, "progress": progress, "call_all": call_all}
     options["asked"] = None if asked is None else asked_of(names, asked)
     if learned is not None:
@@ -143,40 +116,39 @@ def track_mixed(
 
 
 def track(
-    recording: Recording,
-    part: Part,
+    part: Recording,
     model: FittedMotion,
     *,
     hidden: Mask | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
-    """Filter and smooth the seen part."""
-    points = None if asked is None else asked_of(part_names(recording, part), asked)
-    observations = recording.observations(part.frames, part.markers, hidden=hidden)
-    return model.fill(observations, asked=points, progress=progress)
+    """Filter and smooth the seen part of a recording."""
+    points = None if asked is None else asked_of(part.names, asked)
+    return model.fill(part.observations(hidden=hidden), asked=points, progress=progress)
 
 
 def with_track(
-    recording: Recording, part: Part, name: str, smoothed: Estimate, asked: Asked | None = None
+    recording: Recording, part: Recording, name: str, smoothed: Estimate, asked: Asked | None = None
 ) -> Recording:
-    """The recording with the smoothed part in place of what was cleaned, every sample with its status.
+    """The recording with a part of it, smoothed, in place of what was cleaned, every sample with its status.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
     twentieth of the extent of all motion.
     """
     n_frames, n_markers = recording.xyz_m.shape[:2]
     n_cameras = recording.uv_px.shape[0]
-    inside = np.ix_(np.arange(n_frames)[part.frames], part.markers)
+    frames, markers = recording.place(part)
+    inside = np.ix_(np.arange(n_frames)[frames], markers)
     xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
     xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + lasting_cov(recording)[inside]
     used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
     believed[inside] = smoothed.believed
-    for frame, seen in enumerate(smoothed.observed, start=part.frames.start):
+    for frame, seen in enumerate(smoothed.observed, start=frames.start):
         rays = seen.where[:, 0] >= WHOLE  # not what other markers of a body say
-        camera, marker = seen.where[rays, 0], part.markers[seen.where[rays, 1]]
+        camera, marker = seen.where[rays, 0], markers[seen.where[rays, 1]]
         ok, whole, missed = seen.weight[rays] > 0, camera == WHOLE, seen.innovation[rays]
         used[camera[ok & ~whole], frame, marker[ok & ~whole]] = True
         used[:, frame, marker[ok & whole]] |= np.isfinite(recording.uv_px[:, frame][:, marker[ok & whole], 0])
@@ -191,9 +163,9 @@ def with_track(
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
     xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Status.MISSING
     nis, likelihood, rows_used = np.full(n_frames, np.nan), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
-    nis[part.frames] = [seen.nis for seen in smoothed.observed]
-    rows_used[part.frames] = [seen.n_rows for seen in smoothed.observed]
-    likelihood[part.frames] = smoothed.log_likelihood
+    nis[frames] = [seen.nis for seen in smoothed.observed]
+    rows_used[frames] = [seen.n_rows for seen in smoothed.observed]
+    likelihood[frames] = smoothed.log_likelihood
     rays = {}
     if recording.cameras:
         rays = {"innovation": innovation, "used": used, "reprojected": project(recording.matrices, xyz)}
@@ -210,7 +182,7 @@ def with_track(
     )
     asked = asked or asked_for(recording.names, recording.skeleton, n_frames=n_frames)
     left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
-    motion = motion_of(found.tracks, part.frames, smoothed.rates, asked, left_m_s=left)
+    motion = motion_of(found.tracks, frames, smoothed.rates, asked, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
     return replace(found, data=with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up)))
 

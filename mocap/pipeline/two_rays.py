@@ -19,10 +19,9 @@ from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
 from mocap.filters.poses import MarkerTrial
-from mocap.filters.records import Estimate
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import Part, learn_motion, marker_trial, part_names, track, trial_set, why_no_pose
+from mocap.pipeline.tracking import learn_motion, marker_trial, seen_part, track, trial_set, why_no_pose
 
 FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
@@ -111,29 +110,29 @@ def _many(recording: Recording) -> bool:
     return bool(unconfirmed(recording).sum() > LEAST * np.isfinite(recording.xyz_m[..., 0]).sum())
 
 
-def without_contradicted(recording: Recording, part: Part, learned: LearnedModel | None = None) -> Recording:
+def without_contradicted(recording: Recording, learned: LearnedModel | None = None) -> Recording:
     """The recording without what the pose filter contradicts where two cameras alone see a marker.
 
     First rays of cameras that are wrong for a run of frames, then single points, then rays again, where points were.
 
     Args:
         recording: The recording.
-        part: Its seen part.
         learned: A model of other trials; None: one is learned from this one.
     """
-    pose = _pose(recording, part, learned)
-    checked = _without_wrong_rays(recording, part, pose, learned)
-    if disagreements(recording) and not _many(recording):
-        return checked  # few points of two rays are not worth the pass
-    further = _without_wrong_points(checked, part, pose, learned)
-    if further is not checked:
-        further = _without_wrong_rays(further, part, pose, learned)
-    return further
+    part = seen_part(recording)
+    pose = _pose(part, learned)
+    checked = _without_wrong_rays(part, pose, learned)
+    if not disagreements(part) or _many(part):  # else few points of two rays are not worth the pass
+        further = _without_wrong_points(checked, pose, learned)
+        checked = checked if further is checked else _without_wrong_rays(further, pose, learned)
+    points, rays = np.zeros(recording.xyz_m.shape[:2], dtype=bool), np.zeros(recording.uv_px.shape[:3], dtype=bool)
+    frames, markers = recording.place(part)
+    points[frames][:, markers] = np.isfinite(part.xyz_m[..., 0]) & np.isnan(checked.xyz_m[..., 0])
+    rays[:, frames][:, :, markers] = np.isfinite(part.uv_px[..., 0]) & np.isnan(checked.uv_px[..., 0])
+    return replace(_without(recording, points, rays), findings=checked.findings)
 
 
-def _without_wrong_points(
-    recording: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None
-) -> Recording:
+def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: LearnedModel | None) -> Recording:
     """The recording without points of two rays that the pose filter contradicts; one of their rays may be right.
 
     The filter has not learned from such points, and is given at most one ray of each, the one that is nearer to its
@@ -144,17 +143,20 @@ def _without_wrong_points(
     asked = unconfirmed(recording)
     asked &= np.isfinite(recording.xyz_m[..., 0]).sum(axis=0) >= LEFT * asked.sum(axis=0)
     doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
-    if not asked.any() or not _can_expect(doubted, part, learned):
+    if not asked.any() or not _can_expect(doubted, learned):
         return recording
-    xyz, cov = _expected(doubted, part, pose, _trials(doubted, part, learned))
+    xyz, cov = _expected(doubted, pose, _trials(doubted, learned))
     far = asked & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=asked) > FAR)
     if far.any():
         away_m = np.where(far, np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.nan)
-        far &= ~continuing(recording, part, asked, away_m)
-    return _without(recording, far) if far.any() else recording
+        far &= ~continuing(recording, asked, away_m)
+    if not far.any():
+        return recording
+    kept = _without(recording, far, np.zeros(recording.uv_px.shape[:3], dtype=bool))
+    return replace(kept, findings=(*recording.findings, *sentences.rejected("contradicted", far)))
 
 
-def continuing(recording: Recording, part: Part, asked: Mask, away_m: Array) -> Mask:
+def continuing(recording: Recording, asked: Mask, away_m: Array) -> Mask:
     """(T, M) True for contradicted points of runs, among those that are asked about, that continue a marker's motion.
 
     Somebody who takes one marker for another jumps to it. Each marker is followed with neither ray in such frames; at
@@ -162,14 +164,12 @@ def continuing(recording: Recording, part: Part, asked: Mask, away_m: Array) -> 
     point is believed where the marker by itself is expected less than half as far away as the pose filter expects it.
 
     Args:
-        recording: The recording.
-        part: Its seen part.
+        recording: The seen part of a recording.
         asked: (T, M) points that are asked about.
         away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
     doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
-    model = learn_motion(doubted, part, EACH_MARKER)
-    xyz, _ = _whole(recording, part, track(recording, part, model, hidden=asked))
+    xyz = track(recording, learn_motion(doubted, EACH_MARKER), hidden=asked).xyz_m
     known = np.isfinite(recording.xyz_m[..., 0])
     miss_m, out = np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.zeros_like(asked)
     for marker in np.flatnonzero(np.isfinite(away_m).any(axis=0)).tolist():
@@ -183,9 +183,7 @@ def continuing(recording: Recording, part: Part, asked: Mask, away_m: Array) -> 
     return out
 
 
-def _without_wrong_rays(
-    recording: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None
-) -> Recording:
+def _without_wrong_rays(recording: Recording, pose: PoseSettings, learned: LearnedModel | None) -> Recording:
     """The recording without the rays of cameras that are wrong for a run of frames, and the points that they made.
 
     The filter is given neither ray of such a run, and has not learned from their points.
@@ -196,10 +194,10 @@ def _without_wrong_rays(
         for run in runs:
             hidden[run.frames, run.marker] = True
         doubted = checked.having(position=np.where(hidden[..., None], np.nan, checked.xyz_m))
-        if not runs or not _can_expect(doubted, part, learned):
+        if not runs or not _can_expect(doubted, learned):
             break
-        trials = _trials(doubted, part, learned, trials)  # a round that doubts no more points learns from the same
-        more = _wrong_rays(checked, runs, *_expected(doubted, part, pose, trials, hidden=hidden))
+        trials = _trials(doubted, learned, trials)  # a round that doubts no more points learns from the same
+        more = _wrong_rays(checked, runs, *_expected(doubted, pose, trials, hidden=hidden))
         if not more.any():
             break
         wrong |= more
@@ -210,45 +208,33 @@ def _without_wrong_rays(
     if not wrong.any():
         return recording
     points = wrong.any(axis=0) & np.isfinite(recording.xyz_m[..., 0])
-    kept = _without(recording, points) if points.any() else recording
-    kept = kept.having(believed=checked.uv_px, ray_rejected=recording.rays_rejected | wrong)
-    return replace(kept, findings=(*kept.findings, sentences.wrong_rays(wrong)))
+    told = *recording.findings, *sentences.rejected("contradicted", points), sentences.wrong_rays(wrong)
+    return replace(_without(recording, points, wrong), findings=told)
 
 
-def _without(recording: Recording, far: Mask) -> Recording:
-    """The recording without points (T, M) that are contradicted, and a finding that says so."""
-    before = recording.rejected.get("contradicted", np.zeros_like(far))
+def _without(recording: Recording, points: Mask, rays: Mask) -> Recording:
+    """The recording without points (T, M) and rays (C, T, M) that are contradicted."""
     kept = recording.having(
-        position=np.where(far[..., None], np.nan, recording.xyz_m),
-        covariance=np.where(far[..., None, None], np.nan, recording.cov_m2),
-        rejected={**recording.rejected, "contradicted": before | far},
+        position=np.where(points[..., None], np.nan, recording.xyz_m),
+        covariance=np.where(points[..., None, None], np.nan, recording.cov_m2),
+        believed=np.where(rays[..., None], np.nan, recording.uv_px),
+        ray_rejected=recording.rays_rejected | rays,
     )
-    return replace(kept, findings=(*recording.findings, *sentences.rejected("contradicted", far)))
+    before = recording.rejected.get("contradicted", np.zeros_like(points))
+    return kept.having(rejected={**recording.rejected, "contradicted": before | points}) if points.any() else kept
 
 
-def _can_expect(recording: Recording, part: Part, learned: LearnedModel | None) -> bool:
+def _can_expect(recording: Recording, learned: LearnedModel | None) -> bool:
     """Whether a pose filter can be had: of other trials, or of what is left of this recording."""
-    return learned is not None or why_no_pose(recording, part) is None
+    return learned is not None or why_no_pose(recording) is None
 
 
 def _expected(
-    recording: Recording,
-    part: Part,
-    pose: PoseSettings,
-    trials: TrialSet,
-    *,
-    hidden: Mask | None = None,
+    recording: Recording, pose: PoseSettings, trials: TrialSet, *, hidden: Mask | None = None
 ) -> tuple[Array, Array]:
     """Where the pose filter expects markers: (T, M, 3) and its (T, M, 3, 3) covariance; NaN where it says nothing."""
-    return _whole(recording, part, track(recording, part, pose.fit(trials), hidden=hidden))
-
-
-def _whole(recording: Recording, part: Part, smoothed: Estimate) -> tuple[Array, Array]:
-    """What was smoothed in the frames and markers of the recording, as ``_expected`` has it."""
-    inside = np.ix_(np.arange(len(recording.t_s))[part.frames], part.markers)
-    xyz, cov = np.full_like(recording.xyz_m, np.nan), np.full_like(recording.cov_m2, np.nan)
-    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2
-    return xyz, cov
+    smoothed = track(recording, pose.fit(trials), hidden=hidden)
+    return smoothed.xyz_m, smoothed.cov_m2
 
 
 def _wrong_rays(recording: Recording, runs: Sequence[Disagreement], xyz_m: Array, cov_m2: Array) -> Mask:
@@ -292,23 +278,23 @@ def _ray_distances(
     return np.einsum("gi,gi->g", miss, np.linalg.solve(cov, miss[..., None])[..., 0])
 
 
-def _pose(recording: Recording, part: Part, learned: LearnedModel | None) -> PoseSettings:
+def _pose(recording: Recording, learned: LearnedModel | None) -> PoseSettings:
     """The pose model without a regression, and with the process noise that all passes share, looked for once."""
     known = None if learned is None else learned.models[-1]
     pose = replace(known if isinstance(known, PoseSettings) else PoseSettings(), regression=0.0)
-    if pose.process_noise or not _can_expect(recording, part, learned):
+    if pose.process_noise or not _can_expect(recording, learned):
         return pose
-    return pose.tuned(_trials(recording, part, learned))
+    return pose.tuned(_trials(recording, learned))
 
 
-def _trials(recording: Recording, part: Part, learned: LearnedModel | None, known: TrialSet | None = None) -> TrialSet:
+def _trials(recording: Recording, learned: LearnedModel | None, known: TrialSet | None = None) -> TrialSet:
     """What is left of the recording, and other trials: those that are known, with their models, if it is the same."""
-    own = marker_trial(recording, part)
+    own = marker_trial(recording)
     if known is not None and _same(known.trials[-1], own):
         return known
     if learned is not None:
-        return trials_for(learned, part_names(recording, part), own)
-    return trial_set(recording, part)
+        return trials_for(learned, recording.names, own)
+    return trial_set(recording)
 
 
 def _same(a: MarkerTrial, b: MarkerTrial) -> bool:

@@ -18,7 +18,6 @@ import rerun.blueprint as rrb
 from mocap.filters.live import LiveEstimate, live, looks
 from mocap.filters.motion.base import MotionModel
 from mocap.pipeline.recording import Recording
-from mocap.pipeline.tracking import Part
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
@@ -195,16 +194,15 @@ class Session:
     sink: str
     tell: Callable[[str], None]
 
-    def watch(self, prepared: Recording, part: Part, model: MotionModel) -> None:
+    def watch(self, prepared: Recording, part: Recording, model: MotionModel) -> None:
         """Filter a recording for the viewer."""
         scene = scene_of(prepared)
         rec = rr.RecordingStream(LIVE, recording_id=f"{prepared.name}, live", send_properties=False)
         rec.set_log_time_enabled(False)
         rec.connect_grpc(self.sink, default_blueprint=live_blueprint(scene))
-        names = [prepared.names[int(m)] for m in part.markers]
-        observations = prepared.observations(part.frames, part.markers)
-        with LiveView(rec, scene, names=names, skeleton=prepared.skeleton, first=part.frames.start) as view:
-            for estimate in live(model, looks(observations, prepared.t_s[part.frames]), lag=LAG, every=EVERY):
+        first = prepared.place(part)[0].start
+        with LiveView(rec, scene, names=part.names, skeleton=prepared.skeleton, first=first) as view:
+            for estimate in live(model, looks(part.observations(), part.t_s), lag=LAG, every=EVERY):
                 view.show(estimate)
         dropped = f", {view.dropped} dropped because the viewer was slower" if view.dropped else ""
         trouble = f"; the stream ended early: {view.trouble}" if view.trouble else ""

@@ -19,7 +19,6 @@ from mocap.pipeline.blocks import BLOCK, blocks_of, learn_excerpts, track_block
 from mocap.pipeline.job import of_tracks, reported, still
 from mocap.pipeline.recording import Recording, with_ideal_pixels
 from mocap.pipeline.report import counts, together
-from mocap.pipeline.tracking import Part
 from mocap.pipeline.variables import with_motion
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
@@ -119,9 +118,9 @@ def write_in_blocks(
             tracked, cleaned = (_joined([pair[i] for pair in thin]) for i in (0, 1))
             cleaned = replace(cleaned, findings=told)
             tracked = replace(tracked, data=with_motion(tracked.data, still(tracked.tracks)), findings=told)
-            part = Part(frames=slice(seen[0], seen[-1]), markers=np.arange(len(tracked.names)))
             sums = {**sums, "blocks": {"frames": size, "every": every, "shown": len(tracked.t_s)}}
-            tracked = reported(tracked, cleaned, part, why=why, scores=scores, stages=stages, whole=sums)
+            sums["tracked"] = {"first": seen[0] + 1, "last": seen[-1]}
+            tracked = reported(tracked, cleaned, why=why, scores=scores, stages=stages, whole=sums)
             tracked = Tracked.of(tracked).with_report(footer)
             write_arrays(tracked, folder)
             write_report(tracked, folder)

@@ -10,15 +10,14 @@ from mocap.filters.models.registry import NAMED
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import of_pixels
-from mocap.pipeline.tracking import learn_motion, part_names, seen_part, track
+from mocap.pipeline.tracking import learn_motion, seen_part, track
 
 
 @pytest.fixture(scope="module")
 def bat():
     recording = make_bat(seed=5, n_frames=60, n_cameras=4)
     prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
-    part = seen_part(prepared)
-    return prepared, part
+    return seen_part(prepared)
 
 
 def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
@@ -27,10 +26,10 @@ def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
     The state is inside the grid where V_z is low; the plane's coordinates of samples have the largest variance; the
     pull is minus the gradient by markers: a step along it, of all other markers none, lowers the potential.
     """
-    prepared, part = bat
-    model = learn_motion(prepared, part, PoseSettings(ranks=(4,), regression=0))
-    asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
-    found = track(prepared, part, model, asked=asked)
+    part = bat
+    model = learn_motion(part, PoseSettings(ranks=(4,), regression=0))
+    asked = asked_for(part.names, part.skeleton, n_frames=60)
+    found = track(part, model, asked=asked)
     limbs = HeldKeeper.of(model.motion).limbs
     assert [h.name for h in found.held] == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
     for held, limb in zip(found.held, limbs, strict=True):
@@ -56,17 +55,17 @@ def barrier(limb, q):
 
 
 def test_nothing_is_kept_where_nothing_is_asked(bat):
-    prepared, part = bat
-    model = learn_motion(prepared, part, PoseSettings(ranks=(4,), regression=0, potential="none"))
+    part = bat
+    model = learn_motion(part, PoseSettings(ranks=(4,), regression=0, potential="none"))
     assert HeldKeeper.of(model.motion) is None
 
 
 def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """A map for each limb, V_z low where it was; the pull is how markers move with minus the gradient by the angles."""
-    prepared, part = bat
-    motion = learn_motion(prepared, part, NAMED["articulated"].settings)
-    asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
-    found = track(prepared, part, motion, asked=asked)
+    part = bat
+    motion = learn_motion(part, NAMED["articulated"].settings)
+    asked = asked_for(part.names, part.skeleton, n_frames=60)
+    found = track(part, motion, asked=asked)
     assert [h.name for h in found.held] == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
     for held in found.held:
         assert (held.at_state < 0.9).mean() > 0.9

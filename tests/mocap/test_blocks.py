@@ -60,14 +60,14 @@ def bat() -> Recording:
 def one_motion(bat):
     """Constant velocity with the accelerations of the whole, which each block would learn of its own frames."""
     cleaned = clean(bat)
-    once = learn_motion(cleaned, seen_part(cleaned), MarkerSettings()).motion
+    once = learn_motion(seen_part(cleaned), MarkerSettings()).motion
 
-    def known(recording, part, settings):
-        xyz = recording.xyz_m[part.frames][:, part.markers]
+    def known(part, settings):
+        xyz = part.xyz_m
         first = xyz[np.isfinite(xyz[..., 0]).argmax(axis=0), np.arange(xyz.shape[1])]
         if xyz.shape[1] != len(SHOWN):  # another recording
-            return learn_motion(recording, part, settings)
-        return FittedMotion(replace(once, start_m=first), recording.t_s[part.frames])
+            return learn_motion(part, settings)
+        return FittedMotion(replace(once, start_m=first), part.t_s)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mocap.pipeline.job.learn_motion", known)

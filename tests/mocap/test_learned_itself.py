@@ -29,7 +29,7 @@ def test_the_report_says_that_it_was_left_out(tmp_path, monkeypatch, capsys):
     write_points(path, MarkerTracks(names=names, t_s=walk.t_s, xyz_m=walk.xyz_m, cov_m2=cov, status=origin))
     prepared = clean(read(path, fps=100.0))
     other = replace(walk, name="other", xyz_m=walk.xyz_m[::-1] + 0.1)
-    save_model(replace(small_model(), trials=(marker_trial(prepared, seen_part(prepared)), other)), model)
+    save_model(replace(small_model(), trials=(marker_trial(seen_part(prepared)), other)), model)
     monkeypatch.setattr(sys, "argv", ["mocap", "track", str(path), "--fps", "100", "--model", str(model), "--out"])
     sys.argv += [str(out), "--no-validate", "--json"]
     with pytest.raises(SystemExit) as stopped:

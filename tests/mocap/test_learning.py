@@ -334,7 +334,7 @@ def test_real_flights_teach_a_third():
     flights = {}
     for name, file in PROJECTS.items():
         prepared = clean(read(real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
-        flights[name] = prepared.names, marker_trial(prepared, seen_part(prepared))
+        flights[name] = prepared.names, marker_trial(seen_part(prepared))
     names, own = flights["F5"]
     trials = [excerpt(flights["F2"][1], 80), excerpt(flights["F3"][1], 60)]
     learned = learn_model(names, (), trials, np.random.default_rng(0), effort=Effort(times=1))

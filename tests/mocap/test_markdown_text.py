@@ -78,9 +78,9 @@ def test_a_report_of_hostile_names(tmp_path):
     data = prepared.data.assign_coords(keypoint=list(names))
     prepared = replace(prepared, data=data, findings=(*readings(HOSTILE), *prepared.findings))
     part = seen_part(prepared)
-    model = learn_motion(prepared, part, NAMED["constant_velocity"].settings)
-    tracked = with_track(prepared, part, "constant_velocity", track(prepared, part, model))
-    report = make_report(prepared, part, tracked, {}, why_model="a|b", validation={}, seconds={})
+    model = learn_motion(part, NAMED["constant_velocity"].settings)
+    tracked = with_track(prepared, part, "constant_velocity", track(part, model))
+    report = make_report(prepared, tracked, {}, why_model="a|b", validation={}, seconds={})
     numbers = ("samples", "effective_rank", "v_at_samples_median", "width", "lambda", "weight")
     report["joints"] = {name: dict.fromkeys(numbers, 1.0) | {"metric": "whitened"} for name in HOSTILE}
     markdown = readable(report, title="<b>*x*|y")

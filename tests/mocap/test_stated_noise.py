@@ -67,7 +67,7 @@ def test_more_noise_than_rays_show(stating, plain):
             abs(np.median(grown) / (stated / plain.jitter_px) - 1) < 0.1
         )  # other rays are believed, by a few per cent
         assert one.rays_rejected.sum() < plain.rays_rejected.sum()
-        learned, usual = (marker_trial(p, seen_part(p)).sd_m for p in (one, plain))
+        learned, usual = (marker_trial(seen_part(p)).sd_m for p in (one, plain))
         assert abs(np.nanmedian(learned) / np.nanmedian(usual) - 1) < 0.1
 
 

@@ -71,7 +71,7 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     asked = unconfirmed(one)
     assert asked[FRAMES, wrong].mean() > 0.9
     assert asked[FRAMES, right].mean() > 0.9
-    checked = without_contradicted(one, seen_part(one))
+    checked = without_contradicted(one)
     assert (checked.rejected["contradicted"][FRAMES, wrong] == asked[FRAMES, wrong]).all()
     assert checked.rejected["contradicted"][FRAMES, right].sum() <= 2
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
@@ -97,7 +97,7 @@ def test_a_camera_that_shows_another_marker_is_found(scene):
     (run,) = [run for run in disagreements(one) if run.marker == wrong]
     assert run.cameras == (0, 1)
     assert worth_checking(one)
-    checked = without_contradicted(one, seen_part(one))
+    checked = without_contradicted(one)
     refused = seen & np.isnan(checked.uv_px[..., 0])
     expected = np.zeros_like(seen)
     expected[1, FRAMES, wrong] = seen[0, FRAMES, wrong] & seen[1, FRAMES, wrong]
@@ -112,7 +112,7 @@ def test_nothing_is_refused_where_all_is_right(scene):
     """Two right rays each: 1 of 20 at most, and so few that they are not worth a pass of the filter."""
     bat, pixels, _ = scene
     one = prepared(bat, pixels)
-    checked = without_contradicted(one, seen_part(one))
+    checked = without_contradicted(one)
     refused = np.isnan(checked.xyz_m[..., 0]) & np.isfinite(one.xyz_m[..., 0])
     assert unconfirmed(one).sum() > 30
     assert refused.sum() <= 2
@@ -137,7 +137,7 @@ def test_a_run_that_goes_on_from_where_the_marker_was_is_believed(scene, metres,
     for marker in (wrong, right):
         frames = np.flatnonzero(asked[:, marker])
         away_m[frames[[0, 1, 2, -3, -2, -1]], marker] = 0.05
-    found = continuing(one, seen_part(one), asked, away_m)
+    found = continuing(one, asked, away_m)
     assert (found[np.isfinite(away_m[:, wrong]), wrong] == joins).all()
     assert found[np.isfinite(away_m[:, right]), right].all()
     assert not found[np.isnan(away_m)].any()
@@ -153,7 +153,7 @@ def test_a_wrong_point_amid_a_run_that_joins_is_not_believed(scene):
     xyz[frame, wrong] += 0.03 / np.sqrt(3)
     away_m = np.full(asked.shape, np.nan)
     away_m[frame, wrong] = 0.03
-    assert not continuing(one.having(position=xyz), seen_part(one), asked, away_m).any()
+    assert not continuing(one.having(position=xyz), asked, away_m).any()
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,7 @@ def test_a_learned_model_checks_a_recording_that_is_too_short_to_learn_from(scen
     uv = np.array(along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015).uv_px[:, 35:65])
     uv[2:, 5:25, bat.truth.names.index("elbow_r")] = np.nan  # enough of two rays to be worth the pass
     short = prepared(bat, replace(pixels, uv_px=uv, t_s=pixels.t_s[:30]))
-    assert "40" in (why_no_pose(short, seen_part(short)) or "")
+    assert "40" in (why_no_pose(seen_part(short)) or "")
     asked = unconfirmed(short)[:, wrong]
     assert asked.sum() > 15
     _, alone = run_job(short, validated=False)

@@ -237,3 +237,7 @@ class Plane:
     def per_m(self) -> float:
         """Units of the tables a metre of the chain."""
         return 1e3 if self.mm_per_px is None else 1.0
+
+    def in_units(self, markers: MarkerTracks) -> tuple[Array, Array]:
+        """(T, M, 2) positions and (T, M, 2, 2) covariances in the unit of the tables."""
+        return self.per_m * markers.xyz_m[..., :2], self.per_m**2 * markers.cov_m2[..., :2, :2]

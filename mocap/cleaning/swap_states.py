@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
 from mocap.cameras.triangulate import robust
-from mocap.cleaning.marker_paths import student_log, usual_length
 from mocap.cleaning.swapped_rays import agreement
-from mocap.cleaning.swaps import Swap
+from mocap.cleaning.swaps import Swap, student_log, usual_length
 
 Mask = NDArray[np.bool_]
 Pair = tuple[int, int]

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import Triangulation, robust
-from mocap.cleaning.marker_paths import CHANGE, DOF, MARGIN, student_log
-from mocap.cleaning.swaps import Swap, clearest, exchange
+from mocap.cleaning.swaps import CHANGE, DOF, MARGIN, Swap, clearest, exchange, student_log
 
 Mask = NDArray[np.bool_]
 Key = tuple[int, int, int]

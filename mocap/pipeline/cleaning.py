@@ -25,13 +25,14 @@ from mocap.findings import Finding
 from mocap.pipeline import sentences
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.by_hand import with_hand, without_hand
-from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
-from mocap.records import MarkerTracks, Status
+from mocap.records import MarkerTracks, Plane, Status, marker_tracks
 from mocap.skeleton import Measures, Skeleton
 
 LEAST_SD_M = 1e-6
 """Positions are not known better than that, whatever a file says."""
+LEAST_LIKELIHOOD = 0.6
+"""Clicks below are rejected: without a second camera nothing tells what a likelihood is worth (DeepLabCut's cutoff)."""
 
 
 def clean(recording: Recording, *, first: int = 0) -> Recording:
@@ -72,13 +73,23 @@ def _seen_points(recording: Recording) -> MarkerTracks:
 
 
 def _plane(recording: Recording) -> Recording:
-    """One film without a calibration: positions in the plane of its picture."""
-    tracks, plane, found = in_plane(recording)
+    """One film without a calibration: positions in its picture, in the axes of the file; third coordinates are 0."""
+    pixels, likelihood, known = recording.pixels, recording.score, recording.skeleton
+    assert pixels is not None
+    plane, uv, unlikely = Plane(mm_per_px=recording.mm_per_px), pixels.uv_px[0], np.zeros_like(pixels.seen[0])
+    if likelihood is not None and likelihood.shape == pixels.seen.shape:
+        unlikely = pixels.seen[0] & (likelihood[0] < LEAST_LIKELIHOOD)
+        uv = np.where(unlikely[..., None], np.nan, uv)
+    flat = np.where(np.isfinite(uv[..., :1]), 0.0, np.nan)
+    tracks = marker_tracks(pixels.names, pixels.t_s, plane.unit_m * np.concatenate([uv, flat], axis=-1))
     if not tracks.seen.any():
         raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
-    skeleton = replace(recording.skeleton, bones=(), joints=(), measures=Measures())
-    flat = replace(recording, skeleton=skeleton, plane=plane, findings=(*recording.findings, *found))
-    return _positions(flat, tracks, 0)
+    measures = bool(known.bones or known.joints or known.measures != Measures())
+    how, *unused = sentences.in_plane(plane, measures=measures)
+    told = how, *sentences.unlikely_clicks(unlikely, pixels.seen, LEAST_LIKELIHOOD), *unused
+    skeleton = replace(known, bones=(), joints=(), measures=Measures())
+    found = replace(recording, skeleton=skeleton, plane=plane, findings=(*recording.findings, *told))
+    return _positions(found, tracks, 0)
 
 
 def _status(xyz_m: Array, rejected: Sequence[NDArray[np.bool_]]) -> NDArray[np.int8]:

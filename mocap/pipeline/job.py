@@ -21,7 +21,7 @@ from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate
 from mocap.filters.score import Score
 from mocap.filters.size import size_factor
-from mocap.filters.velocities import Asked, Motion, without_rates
+from mocap.filters.velocities import Motion, without_rates
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
@@ -129,8 +129,8 @@ def track_part(
     """
     if not source.cleaned and of_one_camera(source):
         with stages.stage("track one camera") as progress:
-            recording, part, smoothed, asked, why = track_one_camera(source, learned, progress=progress)
-        return _with_all(recording, part, NAME, smoothed, asked), recording, why, {}
+            recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
+        return _with_all(recording, part, NAME, smoothed), recording, why, {}
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):
@@ -162,7 +162,7 @@ def track_part(
             own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
             smoothed = track(part, own, asked=asked, progress=progress)
-    return _with_all(recording, part, name, smoothed, asked, own), recording, why, scores
+    return _with_all(recording, part, name, smoothed, own), recording, why, scores
 
 
 def _prepared(
@@ -188,10 +188,10 @@ def _compared(model: str, reason: str | None, *, mixing: bool) -> dict[str, Traj
 
 
 def _with_all(
-    recording: Recording, part: Recording, name: str, smoothed: Estimate, asked: Asked, own: FittedMotion | None = None
+    recording: Recording, part: Recording, name: str, smoothed: Estimate, own: FittedMotion | None = None
 ) -> Recording:
     """The recording as it was tracked, with joints, limbs that were held, and angles that were the state."""
-    tracked = with_track(recording, part, name, smoothed, asked)
+    tracked = with_track(recording, part, name, smoothed)
     joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(recording))
     inside, _ = recording.place(part)
     frames = np.arange(len(recording.t_s)) - inside.start

@@ -16,7 +16,6 @@ from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked
 from mocap.kinematics.points import asked_for
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
@@ -67,12 +66,12 @@ def track_one_camera(
     learned: LearnedModel | None,
     *,
     progress: Callable[[float], None] | None = None,
-) -> tuple[Recording, Recording, Estimate, Asked, str]:
+) -> tuple[Recording, Recording, Estimate, str]:
     """Track a recording of one camera.
 
     Returns:
-        The recording, with points where a camera saw the marker; the part that was tracked; what was found; points
-        whose velocities that has; and how the model was made.
+        The recording, with points where a camera saw the marker; the part that was tracked; what was found; and how
+        the model was made.
 
     Raises:
         CalibrationError: there is no model.
@@ -114,7 +113,7 @@ def track_one_camera(
         f"learned from {', '.join(trial.name for trial in trials)}; the size of the animal is the model's, within "
         f"{prior.size_sd:.1%} (standard deviation)"
     )
-    return _cleaned(film, part, found, noise, len(trials)), part, found.estimate, asked, why
+    return _cleaned(film, part, found, noise, len(trials)), part, found.estimate, why
 
 
 def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trials: int) -> Recording:

@@ -18,12 +18,11 @@ from mocap.filters.score import Score
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.pipeline import sentences
-from mocap.pipeline.motion import MOVED, moved, moved_report
 from mocap.pipeline.one_camera import NAME as ONE_CAMERA
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
-from mocap.pipeline.tracking import lasting_cov, seen_frames
+from mocap.pipeline.tracking import MOVED, lasting_cov, moved, moved_report, seen_frames
 from mocap.records import Status
 from mocap.text import number_of, plain
 

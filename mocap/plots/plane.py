@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eal.arrays import Z95
-from mocap.pipeline.plane import in_units
 from mocap.pipeline.recording import Recording
 from mocap.plots.figures import Picture, write_pictures
 from mocap.plots.kinematics import COLOURS, labelled, legend_above, new_axes, shade
@@ -25,7 +24,7 @@ def write_plane_figures(run: Recording, folder: Path) -> None:
 def plane_pictures(run: Recording) -> Iterator[Picture]:
     """Paths of all markers; x and y over time of the six that are seen most."""
     assert run.plane is not None
-    markers, (xy, cov) = run.tracks, in_units(run, run.plane)
+    markers, (xy, cov) = run.tracks, run.plane.in_units(run.tracks)
     unit, filled = run.plane.unit, np.isin(markers.status, (Status.SMOOTHED, Status.PREDICTED))
     yield Picture(
         name="paths",

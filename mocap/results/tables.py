@@ -15,7 +15,6 @@ from mocap.io.tables import origin_words
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.plane import in_units
 from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks
@@ -46,7 +45,7 @@ def write_plane(run: Recording, folder: Path) -> None:
     metres; or ``<name>_x_px, _y_px, _sd_px`` where no scale is stated.
     """
     assert run.plane is not None
-    xy, cov = in_units(run, run.plane)
+    xy, cov = run.plane.in_units(run.tracks)
     sd, tail = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 2), "_px" if run.plane.unit == "px" else ""
     write_positions(run.tracks, xy, sd, run.repaired, folder / "markers.csv", tail=tail)
     (folder / "markers.nc").write_bytes(as_netcdf(plane_dataset(run), packed=True))

@@ -12,8 +12,8 @@ from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import StatedOrigin, decide_origin
 from mocap.io.contents import FileContents
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.motion import jump_cov
 from mocap.pipeline.recording import of_points
+from mocap.pipeline.tracking import jump_cov
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
 

@@ -6,7 +6,7 @@ import numpy as np
 from mocap.filters.moving import Rates
 from mocap.filters.velocities import Asked
 
-from mocap.pipeline.motion import motion_of
+from mocap.pipeline.tracking import motion_of
 from mocap.records import MarkerTracks, Status
 
 FRAMES, NAMES = 6, ("a", "b")

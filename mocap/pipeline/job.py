@@ -41,9 +41,9 @@ from mocap.pipeline.tracking import (
     with_track,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.pipeline.variables import with_angles, with_joints, with_limbs
+from mocap.pipeline.variables import with_joints, with_limbs, with_variables
 from mocap.progress import Stages
-from mocap.records import JointAngles, MarkerTracks, Status, angle_names
+from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.text import as_text
@@ -197,8 +197,19 @@ def _with_all(
     frames = np.arange(len(recording.t_s)) - inside.start
     frames[(frames < 0) | (frames >= len(part.t_s))] = -1
     data = with_limbs(with_joints(tracked.data, joints), [at_frames(limb, frames) for limb in smoothed.held])
-    angles = _angles(smoothed, own, part.names)
-    return replace(tracked, data=data if angles is None else with_angles(data, at_frames(angles, frames)))
+    if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
+        return replace(tracked, data=data)
+    angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
+    angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
+    values = {name: np.full((len(frames), of.shape[1]), np.nan) for name, of in angles.items()}
+    for name, of in angles.items():
+        values[name][inside] = of
+    motion = own.motion
+    values |= {"segment_length": motion.length_m, "segment_length_sd": motion.length_sd_m}
+    ends = [(part.names[int(a)], part.names[int(b)]) for a, b in motion.ends]
+    names = angle_names(ends, np.bincount(motion.tree.joint, minlength=len(ends)).tolist())
+    segments = [f"{a} to {b}" for a, b in ends]
+    return replace(tracked, data=with_variables(data, values, angle=names, segment=segments))
 
 
 def reported(
@@ -255,25 +266,6 @@ def still(markers: MarkerTracks) -> Motion:
     """Markers of which no velocity is known."""
     measured = markers.status == Status.MEASURED
     return without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured)
-
-
-def _angles(smoothed: Estimate, model: FittedMotion | None, names: Sequence[str]) -> JointAngles | None:
-    """Joint angles of the tracked part, where they are the state."""
-    found, energies = smoothed.angles, smoothed.energies
-    if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
-        return None
-    motion = model.motion
-    ends = [(names[int(a)], names[int(b)]) for a, b in motion.ends]
-    freedoms = np.bincount(motion.tree.joint, minlength=len(ends)).tolist()
-    return JointAngles(
-        names=angle_names(ends, freedoms),
-        angle_rad=found[0],
-        sd_rad=found[1],
-        segments=tuple(f"{a} to {b}" for a, b in ends),
-        length_m=motion.length_m,
-        length_sd_m=motion.length_sd_m,
-        energies=np.zeros((found.shape[1], 0)) if energies is None else energies,
-    )
 
 
 def whole_frames(recording: Recording) -> BodyFrames:

@@ -147,17 +147,24 @@ def entry_of(name: str) -> Entry:
 AXES = {"pixel": ["u", "v"], "space": ["x", "y", "z"], "space_to": ["x", "y", "z"]}
 
 
-def with_variables(data: xr.Dataset, values: Mapping[str, Values]) -> xr.Dataset:
+TOGETHER = {"point": ("pair",), "angle": ("energy",), "limb": ("x", "y", "sample")}
+"""Dimensions that are renewed with another one."""
+
+
+def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequence[str]) -> xr.Dataset:
     """The Dataset with some variables, new or in place of others, read-only.
 
     Args:
         data: The Dataset.
         values: Arrays by their names in ``VARIABLES``, in its order of dimensions.
+        **names: Entries along some dimensions, in place of others, and of all variables that had these dimensions.
 
     Raises:
         KeyError: there is no such variable.
         ValueError: an array has another shape than the Dataset's dimensions.
     """
+    gone = {dim for name in names for dim in (name, *TOGETHER.get(name, ())) if dim in data.dims}
+    data = data.drop_dims(gone).assign_coords({dim: np.array(of, dtype=object) for dim, of in names.items()})
     made = {}
     for name, array in values.items():
         told = VARIABLES[name]
@@ -172,9 +179,7 @@ def with_reasons(data: xr.Dataset, rejected: Mapping[str, NDArray[np.bool_]]) ->
     """The Dataset with (T, M) masks of rejected samples by reason, in place of those that it has."""
     shape = (len(rejected), data.sizes["time"], data.sizes["keypoint"])
     masks = np.array(list(rejected.values()), dtype=bool).reshape(shape)
-    bare = data.drop_dims("reason", errors="ignore").drop_vars("reason", errors="ignore")
-    bare = bare.assign_coords(reason=np.array(list(rejected), dtype=object))
-    return with_variables(bare, {"rejected": masks})
+    return with_variables(data, {"rejected": masks}, reason=list(rejected))
 
 
 def dataset(
@@ -248,17 +253,9 @@ _ANGLES = {
 _LIMB = {"state": "state", "covariance": "cov", "at_state": "at_state"}
 
 
-def _named(data: xr.Dataset, *, without: Sequence[str] = (), **names: Sequence[str]) -> xr.Dataset:
-    """The Dataset with other entries along some dimensions, and so without all that had these dimensions."""
-    gone = [dim for dim in (*names, *without) if dim in data.dims]
-    return data.drop_dims(gone).assign_coords({dim: np.array(of, dtype=object) for dim, of in names.items()})
-
-
 def with_motion(data: xr.Dataset, motion: Motion) -> xr.Dataset:
     """The Dataset with these points, their velocities and covariances, in place of others."""
-    return with_variables(
-        _named(data, without=["pair"], point=motion.names), {name: getattr(motion, of) for name, of in _MOTION.items()}
-    )
+    return with_variables(data, {name: getattr(motion, of) for name, of in _MOTION.items()}, point=motion.names)
 
 
 def motion_of_data(data: xr.Dataset) -> Motion:
@@ -271,9 +268,9 @@ def with_joints(data: xr.Dataset, joints: Mapping[str, JointTracks]) -> xr.Datas
     """The Dataset with joints by frame of reference, in place of others."""
     first = next(iter(joints.values()), None)
     if first is None or not first.names:
-        return _named(data, without=["joint"])
+        return data
     values = {f"joint_{frame}": tracks.q_m for frame, tracks in joints.items()}
-    return with_variables(_named(data, joint=first.names), {**values, "joint_sd": first.sd_m})
+    return with_variables(data, {**values, "joint_sd": first.sd_m}, joint=first.names)
 
 
 def joints_of_data(data: xr.Dataset) -> dict[str, JointTracks]:
@@ -288,13 +285,6 @@ def joints_of_data(data: xr.Dataset) -> dict[str, JointTracks]:
     return out
 
 
-def with_angles(data: xr.Dataset, angles: JointAngles) -> xr.Dataset:
-    """The Dataset with joint angles that were the state of the filter."""
-    values = {name: getattr(angles, of) for name, of in _ANGLES.items()}
-    values |= {"energies": angles.energies} if angles.energies.size else {}
-    return with_variables(_named(data, without=["energy"], angle=angles.names, segment=angles.segments), values)
-
-
 def angles_of_data(data: xr.Dataset) -> JointAngles | None:
     """Joint angles; None where they were not the state."""
     if "angle_rad" not in data:
@@ -307,9 +297,8 @@ def angles_of_data(data: xr.Dataset) -> JointAngles | None:
 
 def with_limbs(data: xr.Dataset, limbs: Sequence[HeldLimb]) -> xr.Dataset:
     """The Dataset with the potentials that held limbs; of the map and of pulls in single precision."""
-    bare = _named(data, without=["x", "y", "sample"], limb=[limb.name for limb in limbs])
     if not limbs:
-        return bare.drop_dims("limb")
+        return data
     markers = data["keypoint"].values.tolist()
     most = max(len(limb.samples) for limb in limbs)
     place = np.full((len(limbs), len(markers)), -1)
@@ -323,7 +312,8 @@ def with_limbs(data: xr.Dataset, limbs: Sequence[HeldLimb]) -> xr.Dataset:
     for name in ("x", "y", "value"):
         values[f"limb_{name}"] = np.stack([getattr(limb, name) for limb in limbs])
     values["limb_value"] = values["limb_value"].astype(np.float32)
-    return with_variables(bare, {**values, "limb_samples": samples, "limb_marker": place, "limb_pull": pull})
+    values |= {"limb_samples": samples, "limb_marker": place, "limb_pull": pull}
+    return with_variables(data, values, limb=[limb.name for limb in limbs])
 
 
 def limbs_of_data(data: xr.Dataset) -> tuple[HeldLimb, ...]:

@@ -9,8 +9,7 @@ from flapping import make_run
 from readback import column, entities
 from vulkan import need_vulkan
 
-from mocap.pipeline.variables import with_angles
-from mocap.records import JointAngles
+from mocap.pipeline.variables import with_variables
 from mocap.rerun import palette, paths
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.rerun.tabs import lagrangian
@@ -24,16 +23,10 @@ def run():
     """The flapper with energies of a Lagrangian: V_z falls from 0.2 to 0.1, its bound is 0.8."""
     base = make_run(n_frames=N, n_cameras=2, n_joints=0)
     energies = np.column_stack([np.linspace(2, 3, N), np.linspace(0.2, 0.1, N), np.full(N, 0.8)])
-    angles = JointAngles(
-        names=("elbow_tip_bend",),
-        angle_rad=np.zeros((N, 1)),
-        sd_rad=np.full((N, 1), 0.1),
-        segments=("elbow to tip",),
-        length_m=np.array([0.1]),
-        length_sd_m=np.array([0.001]),
-        energies=energies,
-    )
-    return replace(base, data=with_angles(base.data, angles))
+    angles = {"angle_rad": np.zeros((N, 1)), "angle_sd_rad": np.full((N, 1), 0.1), "energies": energies}
+    lengths = {"segment_length": np.array([0.1]), "segment_length_sd": np.array([0.001])}
+    names = {"angle": ["elbow_tip_bend"], "segment": ["elbow to tip"]}
+    return replace(base, data=with_variables(base.data, {**angles, **lengths}, **names))
 
 
 def test_energy_value_and_bound_are_in_the_recording(run, tmp_path):

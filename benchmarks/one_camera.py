@@ -42,8 +42,8 @@ from scipy.special import logsumexp, softmax
 
 from eal.arrays import Z95, Array
 from mocap.io.dvproject import read_project
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_pixels, with_ideal_pixels
+from mocap.pipeline.cleaning import clean, with_ideal_pixels
+from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.tracking import marker_trial, seen_frames
 
 POINTS = (

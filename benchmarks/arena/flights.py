@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 import mocap
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear
-from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.pipeline.cleaning import with_ideal_pixels
+from mocap.pipeline.recording import Recording
 
 FOLDER = "bat_arena_two_digitisers"
 FPS = 800.0

@@ -29,9 +29,9 @@ from mocap.findings import Finding
 from mocap.io.manifest import locked
 from mocap.io.output import result_file, result_folder
 from mocap.io.unstated_unit import UNIT
+from mocap.pipeline.cleaning import audit_points, with_ideal_pixels
 from mocap.pipeline.edits import read_edits, standing
 from mocap.pipeline.reading import OPTIONS, in_options
-from mocap.pipeline.recording import audit_points, with_ideal_pixels
 from mocap.results.tracked import load
 from mocap.text import number_of
 

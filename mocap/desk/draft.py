@@ -18,9 +18,10 @@ from mocap.desk.pictures import Pictures, pictures_of
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file
+from mocap.pipeline.cleaning import with_ideal_pixels
 from mocap.pipeline.one_camera import of_one_camera
 from mocap.pipeline.propose_skeleton import propose_skeleton
-from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.pipeline.recording import Recording
 from mocap.skeleton import Bone, Joint, Skeleton, mirrored, read_skeleton, skeleton_text, write_skeleton
 from mocap.text import number_of
 

@@ -13,8 +13,9 @@ from mocap.cameras.origin import flipped
 from mocap.digitising.films import Films, open_films
 from mocap.errors import MocapError
 from mocap.io.movies import FILMS
+from mocap.pipeline.cleaning import with_ideal_pixels
 from mocap.pipeline.one_camera import of_one_camera, undistorted_alone
-from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.pipeline.recording import Recording
 
 
 @dataclass(eq=False, kw_only=True)

@@ -21,11 +21,11 @@ from mocap.filters.score import Score
 from mocap.io.tables_long import LongTable
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.job import of_tracks, track_part
+from mocap.pipeline.job import track_part
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.reading import animal
 from mocap.pipeline.recording import Recording, of_points
-from mocap.pipeline.tracking import motion_of, seen_part, why_no_pose
+from mocap.pipeline.tracking import motion_of, of_tracks, seen_part, why_no_pose
 from mocap.pipeline.variables import dataset, with_motion
 from mocap.progress import Stages
 from mocap.records import Status, marker_tracks

@@ -24,7 +24,8 @@ from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, read
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
-from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.pipeline.cleaning import with_ideal_pixels
+from mocap.pipeline.recording import Recording
 from mocap.records import PixelTracks
 from mocap.text import plain
 

@@ -1,6 +1,7 @@
 """Clean a recording: what a tracker is given, with every sample that is not believed marked."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,9 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap import audit
-from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
-from mocap.cameras import triangulate
+from mocap.calibration.lens_of_tracks import lens_covariance, lens_of_tracks, moved_by_lens
+from mocap.cameras import origin, triangulate
+from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.cleaning.bias import lasting_bias, persistent_px, ray_bias
 from mocap.cleaning.camera_health import camera_health, shifted_back
 from mocap.cleaning.clean import clean as cleaned_positions
@@ -22,10 +24,12 @@ from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, wi
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
+from mocap.io.optical import UNIT_M
+from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.by_hand import with_hand, without_hand
-from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
+from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Plane, Status, marker_tracks
 from mocap.skeleton import Measures, Skeleton
 
@@ -53,26 +57,160 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
     recording = as_recording(recording, "clean")
     if recording.cleaned:
         return recording
-    if recording.planar:
-        return _plane(recording)
-    if not recording.filmed:
-        return _positions(recording, _seen_points(recording), first)
+    if recording.planar or not recording.filmed:
+        found, points = _in_plane(recording) if recording.planar else (recording, recording.points)
+        if points is None:
+            raise FormatError(
+                f"{recording.where}: contains no tracks ({recording.format}): give a file of pixels or positions"
+            )
+        if not points.seen.any():
+            raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
+        return _positions(found, points, first)
     done = _film(with_ideal_pixels(without_hand(recording)), first)
     return with_hand(done, recording, first=first)
 
 
-def _seen_points(recording: Recording) -> MarkerTracks:
-    points = recording.points
-    if points is None:
+def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, find_unit: bool = True) -> Recording:
+    """Decide where pixels are counted from, and take out lenses and lags.
+
+    Args:
+        recording: With cameras.
+        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
+        find_unit: Whether the unit of a calibration that nobody states is chosen by the animal's length.
+
+    Raises:
+        FormatError: it contains no pixels, nothing is seen, or no unit makes it an animal.
+        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
+    """
+    if recording.rows is not None:
+        return recording
+    found = _undistorted(recording, _pixels_of(recording), iterations)
+    if not find_unit or (recording.unit or recording.data.attrs.get("space_unit")) is not None:
+        return found
+    unit, said = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
+    if unit != "m":
+        recording = replace(recording, unit=unit, cameras=scaled(recording.cameras, UNIT_M[unit]))
+        found = _undistorted(recording, _pixels_of(recording), iterations)
+    return replace(found, told=(*said, *found.told))
+
+
+def _pixels_of(recording: Recording) -> Array:
+    """(C, T, M, 2) pixels of two or more calibrated cameras, of which two see something at once."""
+    where, pixels = recording.where, recording.pixels
+    if pixels is None:
         raise FormatError(
-            f"{recording.where}: contains no tracks ({recording.format}): give a file of pixels or positions"
+            f"{where}: contains positions ({recording.format}), not pixels: give the file of pixels "
+            "(2D), or leave the calibration out"
         )
-    if not points.seen.any():
-        raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
-    return points
+    if not recording.cameras:
+        project = recording.format == "dltdv-project"
+        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
+        raise CalibrationError(f"{where}: {what}: calibrate, or give `calibration`")
+    if len(pixels.cameras) < 2:
+        raise CalibrationError(
+            f"{where}: contains one camera: 3D points need two or more views in one file, or a model of the "
+            "animal from recordings with more (mocap learn): give `model`"
+        )
+    if not pixels.seen.any():
+        raise FormatError(f"{where}: no marker is ever seen: there is nothing to track; digitise first")
+    if not (pixels.seen.sum(axis=0) >= 2).any():
+        raise CalibrationError(f"{where}: no marker is seen by two cameras at once: no point can be triangulated")
+    return pixels.uv_px
 
 
-def _plane(recording: Recording) -> Recording:
+def _undistorted(recording: Recording, uv_px: Array, iterations: int | None) -> Recording:
+    cameras = recording.cameras
+
+    def decided(uv_px: Array) -> origin.PixelOrigin:
+        return origin.decide_origin(
+            cameras,
+            uv_px,
+            origin=recording.pixel_origin,
+            coefficients=recording.calibration_origin,
+            height_px=recording.image_height_px,
+            usual=recording.usual_origin,
+        )
+
+    try:
+        rows = _decided_apart(uv_px, cameras, decided, correct_lag=recording.correct_lag)
+    except CalibrationError as error:
+        error.args = (f"{recording.where}: {error}",)
+        raise
+    ideal, told, lens, late = rows.ideal(cameras, uv_px, iterations=iterations), recording.told, None, None
+    if recording.fit_lens:
+        if any(c.lens is not None for c in cameras):
+            raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
+        lens = lens_of_tracks(cameras, ideal)
+        ideal = lens.straight(ideal)
+        told += (sentences.estimated_lens(lens),)
+    if recording.correct_lag and (lags := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
+        late = audit.late_cameras(lags)
+        ideal = audit.in_step(ideal, late)
+    found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
+    return replace(found, rows=rows, lens=lens, told=told)
+
+
+def _decided_apart(
+    uv_px: Array, cameras: Sequence[Camera], decided: Callable[[Array], origin.PixelOrigin], *, correct_lag: bool
+) -> origin.PixelOrigin:
+    """The decision on the pixel origin, also of cameras that start apart, where that is asked to be corrected.
+
+    Raises:
+        CalibrationError: pixels and coefficients do not belong together; if they do where cameras start at once, it
+            says by how much they do not.
+    """
+    try:
+        return decided(uv_px)
+    except CalibrationError as error:
+        start = audit.start_offsets(stacked(cameras), uv_px)[0]  # lenses move pixels by less than motion does
+        if not start.any():
+            raise
+        with suppress(CalibrationError):  # what was not the cause is not named
+            found = decided(audit.moved(uv_px, start))
+            if correct_lag:
+                return found
+            each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
+            error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
+        raise
+
+
+def by_pixels(recording: Recording, relative: Array | float = 1.0) -> tuple[float, float | None]:
+    """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
+
+    Args:
+        recording: With ideal pixels; where nobody states a deviation, ``triangulate.robust`` finds its own (None).
+        relative: Deviations of rays relative to it, broadcastable to (C, T, M).
+    """
+    if recording.pixel_sd is None:
+        return np.nan, None
+    shown = triangulate.apparent_sd(recording.matrices, recording.ideal_px, relative=np.asarray(relative))
+    return shown, max(recording.pixel_sd, shown)
+
+
+def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
+    """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
+    beside, pixels = recording.stored, recording.pixels
+    if beside is None or pixels is None or recording.rows is None:
+        return None, []
+    where = beside.paths[0].name
+    stored = (beside if recording.unit is None else beside.with_unit(recording.unit)).points
+    if stored is None:
+        return None, [sentences.stored_points(f"{where} was not compared: it contains no positions ({beside.format})")]
+    ideal = recording.rows.ideal(recording.cameras, pixels.uv_px, iterations=3)
+    if not stored.seen.any():
+        return None, []
+    xyz = triangulate.linear(recording.matrices, ideal)
+    elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
+    if elsewhere is not None:
+        return None, [sentences.stored_points(f"{where}: {elsewhere.text}")]
+    try:
+        stale = audit.stale_points(xyz, stored)
+    except ValueError as error:
+        return None, [sentences.stored_points(f"{where} was not compared: {error}")]
+    return tuple(stale), [sentences.compared_points(where, stale, int(stored.seen.sum()))]
+
+
+def _in_plane(recording: Recording) -> tuple[Recording, MarkerTracks]:
     """One film without a calibration: positions in its picture, in the axes of the file; third coordinates are 0."""
     pixels, likelihood, known = recording.pixels, recording.score, recording.skeleton
     assert pixels is not None
@@ -82,14 +220,11 @@ def _plane(recording: Recording) -> Recording:
         uv = np.where(unlikely[..., None], np.nan, uv)
     flat = np.where(np.isfinite(uv[..., :1]), 0.0, np.nan)
     tracks = marker_tracks(pixels.names, pixels.t_s, plane.unit_m * np.concatenate([uv, flat], axis=-1))
-    if not tracks.seen.any():
-        raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
     measures = bool(known.bones or known.joints or known.measures != Measures())
     how, *unused = sentences.in_plane(plane, measures=measures)
     told = how, *sentences.unlikely_clicks(unlikely, pixels.seen, LEAST_LIKELIHOOD), *unused
     skeleton = replace(known, bones=(), joints=(), measures=Measures())
-    found = replace(recording, skeleton=skeleton, plane=plane, findings=(*recording.findings, *told))
-    return _positions(found, tracks, 0)
+    return replace(recording, skeleton=skeleton, plane=plane, findings=(*recording.findings, *told)), tracks
 
 
 def _status(xyz_m: Array, rejected: Sequence[NDArray[np.bool_]]) -> NDArray[np.int8]:

@@ -8,26 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from eal.over_time import at_frames
 from eal.threads import one_blas_thread
 from mocap.errors import MocapError, beside
-from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
-from mocap.filters.models.base import FittedMotion, TrajectoryModel
+from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
-from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
-from mocap.filters.records import Estimate
 from mocap.filters.score import Score
 from mocap.filters.size import size_factor
-from mocap.filters.velocities import Motion, without_rates
-from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
-from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import Counts, make_report, readable
 from mocap.pipeline.tracking import (
     learn_motion,
@@ -35,25 +29,20 @@ from mocap.pipeline.tracking import (
     seen_part,
     track,
     track_mixed,
-    tracks_alone,
     trial_set,
+    whole_frames,
     why_no_pose,
     with_track,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.pipeline.variables import with_joints, with_limbs, with_variables
 from mocap.progress import Stages
-from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
-from mocap.skeleton import Skeleton
 from mocap.text import as_text
 
 Watch = Callable[[Recording, Recording, MotionModel], None]
 """Filters the seen part of a recording for somebody who watches."""
 MODELS = ("auto", "mixture", *NAMED)
 """What ``model`` may be called."""
-JOINT_HZ = 30.0
-"""Body frames of joint coordinates follow the trunk up to this frequency."""
 
 
 def existing_model(model: object, names: Sequence[str] = MODELS) -> Path:
@@ -130,7 +119,7 @@ def track_part(
     if not source.cleaned and of_one_camera(source):
         with stages.stage("track one camera") as progress:
             recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
-        return _with_all(recording, part, NAME, smoothed), recording, why, {}
+        return with_track(recording, part, NAME, smoothed), recording, why, {}
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):
@@ -162,7 +151,7 @@ def track_part(
             own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
             smoothed = track(part, own, asked=asked, progress=progress)
-    return _with_all(recording, part, name, smoothed, own), recording, why, scores
+    return with_track(recording, part, name, smoothed, own), recording, why, scores
 
 
 def _prepared(
@@ -187,31 +176,6 @@ def _compared(model: str, reason: str | None, *, mixing: bool) -> dict[str, Traj
     return {name: one.settings for name, one in NAMED.items() if name in names and (posed or not one.posed)}
 
 
-def _with_all(
-    recording: Recording, part: Recording, name: str, smoothed: Estimate, own: FittedMotion | None = None
-) -> Recording:
-    """The recording as it was tracked, with joints, limbs that were held, and angles that were the state."""
-    tracked = with_track(recording, part, name, smoothed)
-    joints = joint_tracks(tracked.tracks, recording.skeleton, whole_frames(recording))
-    inside, _ = recording.place(part)
-    frames = np.arange(len(recording.t_s)) - inside.start
-    frames[(frames < 0) | (frames >= len(part.t_s))] = -1
-    data = with_limbs(with_joints(tracked.data, joints), [at_frames(limb, frames) for limb in smoothed.held])
-    if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
-        return replace(tracked, data=data)
-    angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
-    angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
-    values = {name: np.full((len(frames), of.shape[1]), np.nan) for name, of in angles.items()}
-    for name, of in angles.items():
-        values[name][inside] = of
-    motion = own.motion
-    values |= {"segment_length": motion.length_m, "segment_length_sd": motion.length_sd_m}
-    ends = [(part.names[int(a)], part.names[int(b)]) for a, b in motion.ends]
-    names = angle_names(ends, np.bincount(motion.tree.joint, minlength=len(ends)).tolist())
-    segments = [f"{a} to {b}" for a, b in ends]
-    return replace(tracked, data=with_variables(data, values, angle=names, segment=segments))
-
-
 def reported(
     tracked: Recording,
     recording: Recording,
@@ -231,14 +195,15 @@ def reported(
         stages: Timer and progress.
         whole: Counts of the long recording of which these are some frames; None: they are all.
     """
-    markers, skeleton = tracked.tracks, recording.skeleton
-    joints = tracked.joint_tracks or joint_tracks(markers, skeleton, whole_frames(recording))
+    markers, joints, skeleton = tracked.tracks, tracked.joint_tracks, recording.skeleton
     with stages.stage("joints and potentials"):
         seen_m = np.where(np.isfinite(recording.xyz_m[..., :1]), markers.xyz_m, np.nan)
         build = {"trunk": skeleton.trunk, "bones": skeleton.rigid}
         axes = whole_frames(recording).rotation
         joined = articulation(recording.names, seen_m, markers.sd_m, axes, **build)
-        planar, spatial = (joint_potentials(one, markers, skeleton) for one in (joints[FRAME], joints[SPACE]))
+        planar, spatial = (
+            joint_potentials(joints[frame], markers, skeleton) if joints else {} for frame in (FRAME, SPACE)
+        )
     report = make_report(
         recording,
         tracked,
@@ -251,34 +216,6 @@ def reported(
     )
     text = readable(report, title=recording.name)
     return replace(tracked, potentials=planar, spatial_potentials=spatial, report=report, report_text=text)
-
-
-def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: str) -> Recording:
-    """Positions as a model tracked them, of which nothing else is known: no pixels, no velocities."""
-    found = tracks_alone(of_points(markers, skeleton, name=name), model, still(markers))
-    count = len(markers.t_s)
-    axes = BodyFrames(rotation=np.repeat(np.eye(3)[None], count, axis=0), position_m=np.zeros((count, 3)))
-    joints = joint_tracks(markers, skeleton, whole_frames(found) if markers.seen.any() else axes)
-    return replace(found, data=with_joints(found.data, joints))
-
-
-def still(markers: MarkerTracks) -> Motion:
-    """Markers of which no velocity is known."""
-    measured = markers.status == Status.MEASURED
-    return without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured)
-
-
-def whole_frames(recording: Recording) -> BodyFrames:
-    """Body frames of every frame, from the skeleton's trunk, or from all markers if none of it is seen.
-
-    Outside the seen part they are those of its ends.
-    """
-    part = seen_part(recording)
-    trunk = [part.names.index(name) for name in recording.skeleton.trunk if name in part.names]
-    xyz_m = part.xyz_m[:, trunk] if trunk else part.xyz_m
-    inner, (frames, _) = body_frames(xyz_m, dt_s=recording.dt_s, cutoff_hz=JOINT_HZ), recording.place(part)
-    index = np.clip(np.arange(len(recording.t_s)) - frames.start, 0, len(xyz_m) - 1)
-    return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
 def _learned_from(learned: LearnedModel, part: Recording) -> str:

@@ -1,7 +1,6 @@
 """A recording: one Dataset of all that is known of it over time, and what no array can hold."""
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
@@ -15,25 +14,22 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from eal.over_time import OverTime, at_frames
 from mocap import audit
-from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
+from mocap.calibration.lens_of_tracks import TrackLens
 from mocap.calls import check_stated
-from mocap.cameras import origin, triangulate
-from mocap.cameras.camera import Camera, scaled, stacked
+from mocap.cameras import origin
+from mocap.cameras.camera import Camera, stacked
 from mocap.cleaning.camera_health import BadTime
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 from mocap.cleaning.swaps import Swap
-from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.errors import MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.filters.records import HeldLimb
 from mocap.filters.velocities import Motion
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
 from mocap.io.movies import Movie
-from mocap.io.optical import UNIT_M
-from mocap.io.unstated_unit import of_cameras
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline import sentences
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.variables import (
     VARIABLES,
@@ -544,143 +540,3 @@ def of_pixels(
     known = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
     data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
     return Recording(name=name, data=data, skeleton=known, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
-
-
-def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, find_unit: bool = True) -> Recording:
-    """Decide where pixels are counted from, and take out lenses and lags.
-
-    Args:
-        recording: With cameras.
-        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
-        find_unit: Whether the unit of a calibration that nobody states is chosen by the animal's length.
-
-    Raises:
-        FormatError: it contains no pixels, nothing is seen, or no unit makes it an animal.
-        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
-    """
-    if recording.rows is not None:
-        return recording
-    found = _undistorted(recording, _pixels_of(recording), iterations)
-    if not find_unit or (recording.unit or recording.data.attrs.get("space_unit")) is not None:
-        return found
-    unit, said = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
-    if unit != "m":
-        recording = replace(recording, unit=unit, cameras=scaled(recording.cameras, UNIT_M[unit]))
-        found = _undistorted(recording, _pixels_of(recording), iterations)
-    return replace(found, told=(*said, *found.told))
-
-
-def _pixels_of(recording: Recording) -> Array:
-    """(C, T, M, 2) pixels of two or more calibrated cameras, of which two see something at once."""
-    where, pixels = recording.where, recording.pixels
-    if pixels is None:
-        raise FormatError(
-            f"{where}: contains positions ({recording.format}), not pixels: give the file of pixels "
-            "(2D), or leave the calibration out"
-        )
-    if not recording.cameras:
-        project = recording.format == "dltdv-project"
-        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
-        raise CalibrationError(f"{where}: {what}: calibrate, or give `calibration`")
-    if len(pixels.cameras) < 2:
-        raise CalibrationError(
-            f"{where}: contains one camera: 3D points need two or more views in one file, or a model of the "
-            "animal from recordings with more (mocap learn): give `model`"
-        )
-    if not pixels.seen.any():
-        raise FormatError(f"{where}: no marker is ever seen: there is nothing to track; digitise first")
-    if not (pixels.seen.sum(axis=0) >= 2).any():
-        raise CalibrationError(f"{where}: no marker is seen by two cameras at once: no point can be triangulated")
-    return pixels.uv_px
-
-
-def _undistorted(recording: Recording, uv_px: Array, iterations: int | None) -> Recording:
-    cameras = recording.cameras
-
-    def decided(uv_px: Array) -> origin.PixelOrigin:
-        return origin.decide_origin(
-            cameras,
-            uv_px,
-            origin=recording.pixel_origin,
-            coefficients=recording.calibration_origin,
-            height_px=recording.image_height_px,
-            usual=recording.usual_origin,
-        )
-
-    try:
-        rows = _decided_apart(uv_px, cameras, decided, correct_lag=recording.correct_lag)
-    except CalibrationError as error:
-        error.args = (f"{recording.where}: {error}",)
-        raise
-    ideal, told, lens, late = rows.ideal(cameras, uv_px, iterations=iterations), recording.told, None, None
-    if recording.fit_lens:
-        if any(c.lens is not None for c in cameras):
-            raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
-        lens = lens_of_tracks(cameras, ideal)
-        ideal = lens.straight(ideal)
-        told += (sentences.estimated_lens(lens),)
-    if recording.correct_lag and (lags := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
-        late = audit.late_cameras(lags)
-        ideal = audit.in_step(ideal, late)
-    found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
-    return replace(found, rows=rows, lens=lens, told=told)
-
-
-def _decided_apart(
-    uv_px: Array, cameras: Sequence[Camera], decided: Callable[[Array], origin.PixelOrigin], *, correct_lag: bool
-) -> origin.PixelOrigin:
-    """The decision on the pixel origin, also of cameras that start apart, where that is asked to be corrected.
-
-    Raises:
-        CalibrationError: pixels and coefficients do not belong together; if they do where cameras start at once, it
-            says by how much they do not.
-    """
-    try:
-        return decided(uv_px)
-    except CalibrationError as error:
-        start = audit.start_offsets(stacked(cameras), uv_px)[0]  # lenses move pixels by less than motion does
-        if not start.any():
-            raise
-        with suppress(CalibrationError):  # what was not the cause is not named
-            found = decided(audit.moved(uv_px, start))
-            if correct_lag:
-                return found
-            each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
-            error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
-        raise
-
-
-def by_pixels(recording: Recording, relative: Array | float = 1.0) -> tuple[float, float | None]:
-    """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
-
-    Args:
-        recording: With ideal pixels; where nobody states a deviation, ``triangulate.robust`` finds its own (None).
-        relative: Deviations of rays relative to it, broadcastable to (C, T, M).
-    """
-    if recording.pixel_sd is None:
-        return np.nan, None
-    shown = triangulate.apparent_sd(recording.matrices, recording.ideal_px, relative=np.asarray(relative))
-    return shown, max(recording.pixel_sd, shown)
-
-
-def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
-    """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
-    beside, pixels = recording.stored, recording.pixels
-    if beside is None or pixels is None or recording.rows is None:
-        return None, []
-    where = beside.paths[0].name
-    stored = (beside if recording.unit is None else beside.with_unit(recording.unit)).points
-    if stored is None:
-        return None, [sentences.stored_points(f"{where} was not compared: it contains no positions ({beside.format})")]
-    ideal = recording.rows.ideal(recording.cameras, pixels.uv_px, iterations=3)
-    if not stored.seen.any():
-        return None, []
-    xyz = triangulate.linear(recording.matrices, ideal)
-    elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
-    if elsewhere is not None:
-        return None, [sentences.stored_points(f"{where}: {elsewhere.text}")]
-    try:
-        stale = audit.stale_points(xyz, stored)
-    except ValueError as error:
-        return None, [sentences.stored_points(f"{where} was not compared: {error}")]
-    return tuple(stale), [sentences.compared_points(where, stale, int(stored.seen.sum()))]

@@ -8,30 +8,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.over_time import at_frames
 from mocap.cameras.camera import project
 from mocap.cleaning.bias import lasting_share
 from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
+from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.moving import Rates, asked_of
 from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked, Motion
+from mocap.filters.velocities import Asked, Motion, without_rates
+from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.sentences import TOGETHER
-from mocap.pipeline.variables import with_motion
-from mocap.records import MarkerTracks, Status
+from mocap.pipeline.variables import with_joints, with_limbs, with_motion, with_variables
+from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
+from mocap.skeleton import Skeleton
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
 
 FAR = 3.0
 """A sample is not called measured if it lies more than so many standard deviations from where it was measured."""
+JOINT_HZ = 30.0
+"""Body frames of joint coordinates follow the trunk up to this frequency."""
 MOVED = {"moved": f"the track lies more than {FAR:g} standard deviations from where the sample was measured"}
 """Why a sample was rejected here, by the key that reports use."""
 
@@ -132,8 +139,12 @@ def track(
     return model.fill(part.observations(hidden=hidden), asked=points, progress=progress)
 
 
-def with_track(recording: Recording, part: Recording, name: str, smoothed: Estimate) -> Recording:
+def with_track(
+    recording: Recording, part: Recording, name: str, smoothed: Estimate, own: FittedMotion | None = None
+) -> Recording:
     """The recording with a part of it, smoothed, in place of what was cleaned, every sample with its status.
+
+    With joints, limbs that were held, and the joint angles that were the state of the model (``own``).
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
     twentieth of the extent of all motion.
@@ -186,19 +197,56 @@ def with_track(recording: Recording, part: Recording, name: str, smoothed: Estim
     left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
     motion = motion_of(found.tracks, frames, smoothed.rates, asked, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
-    return replace(found, data=with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up)))
+    data = with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up))
+    if recording.skeleton.joints:
+        data = with_joints(data, joint_tracks(found.tracks, recording.skeleton, whole_frames(recording)))
+    index = np.arange(n_frames) - frames.start
+    index[(index < 0) | (index >= len(part.t_s))] = -1
+    data = with_limbs(data, [at_frames(limb, index) for limb in smoothed.held])
+    if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
+        return replace(found, data=data)
+    angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
+    angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
+    values = {name: np.full((n_frames, of.shape[1]), np.nan) for name, of in angles.items()}
+    for name, of in angles.items():
+        values[name][frames] = of
+    values |= {"segment_length": own.motion.length_m, "segment_length_sd": own.motion.length_sd_m}
+    ends = [(part.names[int(a)], part.names[int(b)]) for a, b in own.motion.ends]
+    names = angle_names(ends, np.bincount(own.motion.tree.joint, minlength=len(ends)).tolist())
+    return replace(found, data=with_variables(data, values, angle=names, segment=[f"{a} to {b}" for a, b in ends]))
 
 
-def tracks_alone(recording: Recording, model: str, motion: Motion) -> Recording:
-    """Positions as if a model had tracked them, of whose pixels and innovations nothing is known."""
-    n_frames, n_markers = recording.xyz_m.shape[:2]
-    found = recording.having(
+def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: str) -> Recording:
+    """Positions as a model tracked them, of which nothing else is known: no pixels, no velocities."""
+    n_frames = len(markers.t_s)
+    found = of_points(markers, skeleton, name=name).having(
         nis=np.full(n_frames, np.nan),
         n_rows=np.zeros(n_frames, dtype=np.int64),
         log_likelihood=np.zeros(n_frames),
-        repaired=np.zeros((n_frames, n_markers), dtype=np.int8),
+        repaired=np.zeros(markers.status.shape, dtype=np.int8),
     )
-    return replace(found, data=with_motion(found.data, motion).assign_attrs(model=model))
+    axes = BodyFrames(rotation=np.repeat(np.eye(3)[None], n_frames, axis=0), position_m=np.zeros((n_frames, 3)))
+    joints = joint_tracks(markers, skeleton, whole_frames(found) if markers.seen.any() else axes)
+    return replace(found, data=with_joints(with_motion(found.data, still(markers)), joints).assign_attrs(model=model))
+
+
+def still(markers: MarkerTracks) -> Motion:
+    """Markers of which no velocity is known."""
+    measured = markers.status == Status.MEASURED
+    return without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured)
+
+
+def whole_frames(recording: Recording) -> BodyFrames:
+    """Body frames of every frame, from the skeleton's trunk, or from all markers if none of it is seen.
+
+    Outside the seen part they are those of its ends.
+    """
+    part = seen_part(recording)
+    trunk = [part.names.index(name) for name in recording.skeleton.trunk if name in part.names]
+    xyz_m = part.xyz_m[:, trunk] if trunk else part.xyz_m
+    inner, (frames, _) = body_frames(xyz_m, dt_s=recording.dt_s, cutoff_hz=JOINT_HZ), recording.place(part)
+    index = np.clip(np.arange(len(recording.t_s)) - frames.start, 0, len(xyz_m) - 1)
+    return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
 def motion_of(

@@ -11,7 +11,8 @@ from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
 from mocap.pipeline import sentences
-from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
+from mocap.pipeline.cleaning import audit_points, by_pixels, with_ideal_pixels
+from mocap.pipeline.recording import Recording
 from mocap.records import marker_tracks
 
 

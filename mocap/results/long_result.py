@@ -16,9 +16,11 @@ from mocap.findings import over_blocks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles
 from mocap.pipeline.blocks import BLOCK, blocks_of, learn_excerpts, track_block
-from mocap.pipeline.job import of_tracks, reported, still
-from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.pipeline.cleaning import with_ideal_pixels
+from mocap.pipeline.job import reported
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import counts, together
+from mocap.pipeline.tracking import of_tracks, still
 from mocap.pipeline.variables import with_motion
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent

@@ -6,12 +6,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from mocap.filters.joint_types import articulation, undetermined
-from mocap.filters.velocities import without_rates
 from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
-from mocap.pipeline.recording import of_points
-from mocap.pipeline.tracking import tracks_alone
+from mocap.pipeline.tracking import of_tracks
 from mocap.records import marker_tracks
 from mocap.results.mjcf import mjcf_text
 from mocap.results.osim import osim_text
@@ -149,9 +147,7 @@ def tracked_arm():
     xyz, _ = arm()
     t_s = np.arange(len(xyz)) / 200.0
     cov = np.broadcast_to(4e-8 * np.eye(3), (*xyz.shape, 3))
-    measured = np.ones(xyz.shape[:2], dtype=bool)
-    found = of_points(marker_tracks(NAMES, t_s, xyz, cov_m2=cov), SKELETON, name="arm")
-    return tracks_alone(found, "constant_velocity", without_rates(NAMES, t_s, xyz, cov, measured))
+    return of_tracks(marker_tracks(NAMES, t_s, xyz, cov_m2=cov), SKELETON, name="arm", model="constant_velocity")
 
 
 def test_the_opensim_model_is_the_animal_of_the_mjcf_file(tracked_arm):

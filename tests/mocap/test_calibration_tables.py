@@ -15,7 +15,7 @@ from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, identify, read
 from mocap.pipeline import calibrate
 from mocap.pipeline.calibrate import from_points, from_wand
-from mocap.pipeline.recording import with_ideal_pixels
+from mocap.pipeline.cleaning import with_ideal_pixels
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_calibrate import wand_files
 

@@ -8,7 +8,8 @@ from mocap.datasets.bats import bat_motion
 from mocap.audit.offsets import moved, offset_findings, start_offsets
 from mocap.cameras.camera import project, stacked
 from mocap.errors import CalibrationError
-from mocap.pipeline.recording import of_pixels, with_ideal_pixels
+from mocap.pipeline.cleaning import with_ideal_pixels
+from mocap.pipeline.recording import of_pixels
 from mocap.records import PixelTracks
 
 STARTS = np.array([0, 173, -61])

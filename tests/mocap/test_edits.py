@@ -13,9 +13,8 @@ import mocap
 from mocap.cli.main import app
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current
-from mocap.pipeline.cleaning import clean
+from mocap.pipeline.cleaning import clean, with_ideal_pixels
 from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, standing
-from mocap.pipeline.recording import with_ideal_pixels
 from mocap.pipeline.retrack import tracked_again
 from mocap.records import Status
 from tests.mocap.desk.filmed_trial import FPS, GAP, trial

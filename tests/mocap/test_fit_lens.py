@@ -11,7 +11,8 @@ from mocap.cameras.camera import Camera, project, stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError
 from mocap.pipeline.cleaning import clean as cleaned
-from mocap.pipeline.recording import Recording, of_pixels, with_ideal_pixels
+from mocap.pipeline.cleaning import with_ideal_pixels
+from mocap.pipeline.recording import Recording, of_pixels
 from mocap.pipeline.tracking import lasting_cov
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton

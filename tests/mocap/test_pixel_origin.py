@@ -12,10 +12,9 @@ from mocap.cameras.origin import OriginError, decide_origin, flipped, ideal_pixe
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
-from mocap.pipeline.cleaning import clean
+from mocap.pipeline.cleaning import clean, with_ideal_pixels
 from mocap.pipeline.learning import _cleaned
 from mocap.pipeline.reading import read
-from mocap.pipeline.recording import with_ideal_pixels
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_audit import moving

@@ -9,8 +9,9 @@ import pytest
 
 from mocap.cameras.camera import record
 from mocap.desk.proof import Proof, places
+from mocap.pipeline.cleaning import with_ideal_pixels
 from mocap.pipeline.edits import read_edits
-from mocap.pipeline.recording import of_pixels, with_ideal_pixels
+from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.retrack import AROUND
 from mocap.records import PixelTracks, Status, marker_tracks
 from tests.mocap.rigs import ring

@@ -76,19 +76,7 @@ def bat_skeleton() -> Skeleton:
             f"{name}_{side}": (f"{a}_{side}", f"{b}_{side}", f"{c}_{side}") for name, (a, b, c) in _WING_JOINTS.items()
         }
     joints["tail"] = ("back", "pelvis", "tail")
-    return Skeleton(
-        name="bat",
-        markers=MARKERS,
-        bones=bones,
-        joints=joints,
-        trunk=TRUNK,
-        max_speed_m_s=20.0,
-        measures=_measures(),
-    )
-
-
-def _measures() -> Measures:
-    """What a paper on flight reports; the masses are the twin's own (30 g), not measured ones."""
+    # what a paper on flight reports; the masses are the twin's own (30 g), not measured ones
     axes, areas, strokes = {}, {}, {}
     parts = {"trunk": Segment(start="sternum", end="pelvis", mass_g=21.0, centre=0.4)}
     parts["head"] = Segment(start="head", end="snout", mass_g=4.6, centre=0.3)
@@ -101,14 +89,22 @@ def _measures() -> Measures:
         strokes[f"wing_{side}"] = (shoulder, wrist)
         parts[f"arm_{side}"] = Segment(start=shoulder, end=wrist, mass_g=1.5, centre=0.35)
         parts[f"hand_{side}"] = Segment(start=wrist, end=tips[0], mass_g=0.7, centre=0.3)
-    return Measures(
-        forward=("pelvis", "back"),
-        left=("shoulder_r", "shoulder_l"),
-        axes=axes,
-        distances={"span": ("d3_tip_l", "d3_tip_r")},
-        areas=areas,
-        strokes=strokes,
-        segments=parts,
+    return Skeleton(
+        name="bat",
+        markers=MARKERS,
+        bones=bones,
+        joints=joints,
+        trunk=TRUNK,
+        max_speed_m_s=20.0,
+        measures=Measures(
+            forward=("pelvis", "back"),
+            left=("shoulder_r", "shoulder_l"),
+            axes=axes,
+            distances={"span": ("d3_tip_l", "d3_tip_r")},
+            areas=areas,
+            strokes=strokes,
+            segments=parts,
+        ),
     )
 
 

@@ -159,14 +159,10 @@ def photograph(
     light[top:bottom, left:right] = blocks.mean(axis=(1, 3))
     if blur_px > 0:
         light = cv2.GaussianBlur(light, (0, 0), blur_px)
-    grey = 255 * light * _vignette(width, height) + noise * rng.standard_normal(light.shape)
-    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
-
-
-def _vignette(width: int, height: int) -> Array:
-    """(height, width) falling from 1 in the middle to 0.7 in the corners."""
+    # (height, width) falling from 1 in the middle to 0.7 in the corners
     v, u = np.linspace(-1, 1, height) ** 2, np.linspace(-1, 1, width) ** 2
-    return 1 - 0.15 * np.add.outer(v, u)
+    grey = 255 * light * (1 - 0.15 * np.add.outer(v, u)) + noise * rng.standard_normal(light.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
 _LEAST_COSINE = 0.3
@@ -239,7 +235,10 @@ def board_session(
         centre = eye.position_m + distance * eye.rotation.T @ unit(ray)
         upright = turn(2, rng.uniform(-0.4, 0.4))
         tilted = turn(1, rng.uniform(-0.6, 0.6)) @ turn(0, rng.uniform(-0.6, 0.6))
-        pose = eye.rotation.T @ _facing(ray) @ tilted @ upright
+        # (3, 3) axes (x right, y down, z along ``ray``) in those of a camera
+        z = unit(ray)
+        x = unit(np.cross([0.0, 1.0, 0.0], z))
+        pose = eye.rotation.T @ np.stack([x, np.cross(z, x), z], axis=1) @ tilted @ upright
         rotation.append(pose)
         half = np.array([board.columns, board.rows, 0]) * board.square_m / 2
         translation.append(centre - pose @ half)
@@ -252,13 +251,6 @@ def board_session(
         noise=noise,
         seed=seed,
     )
-
-
-def _facing(ray: Array) -> Array:
-    """(3, 3) axes (x right, y down, z along ``ray``) in those of a camera."""
-    z = unit(ray)
-    x = unit(np.cross([0.0, 1.0, 0.0], z))
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def write_board_session(

@@ -35,19 +35,7 @@ def lizard_skeleton() -> Skeleton:
     ]
     for chain in chains[1:]:
         bones += pairwise(chain)
-    return Skeleton(
-        name="lizard",
-        markers=MARKERS,
-        bones=bones,
-        joints={triple[1]: triple for chain in chains for triple in zip(chain, chain[1:], chain[2:], strict=False)},
-        trunk=TRUNK,
-        max_speed_m_s=3.0,
-        measures=_measures(),
-    )
-
-
-def _measures() -> Measures:
-    """What a paper on locomotion reports."""
+    # what a paper on locomotion reports
     ahead = {"shoulder": ("spine", "neck"), "hip": ("pelvis", "spine")}
     axes = {}
     for limb, (root, middle, end, _) in LIMBS.items():
@@ -55,14 +43,22 @@ def _measures() -> Measures:
         for side in "lr":
             upper, lower = (f"{root}_{side}", f"{middle}_{side}"), (f"{middle}_{side}", f"{end}_{side}")
             axes[upper[0]] = JointAxes(parent=(ahead[root], across), child=(upper, lower))
-    return Measures(
-        forward=("spine", "neck"),
-        left=("shoulder_r", "shoulder_l"),
-        axes=axes,
-        distances={"snout_vent": ("snout", "pelvis")},
-        feet=("hand_l", "foot_r", "hand_r", "foot_l"),
-        ground="rod",
-        chain=("neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3"),
+    return Skeleton(
+        name="lizard",
+        markers=MARKERS,
+        bones=bones,
+        joints={triple[1]: triple for chain in chains for triple in zip(chain, chain[1:], chain[2:], strict=False)},
+        trunk=TRUNK,
+        max_speed_m_s=3.0,
+        measures=Measures(
+            forward=("spine", "neck"),
+            left=("shoulder_r", "shoulder_l"),
+            axes=axes,
+            distances={"snout_vent": ("snout", "pelvis")},
+            feet=("hand_l", "foot_r", "hand_r", "foot_l"),
+            ground="rod",
+            chain=("neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3"),
+        ),
     )
 
 

@@ -278,7 +278,12 @@ class _Looked:
     def at(self, folder: Path) -> Files:
         """What a folder holds."""
         if folder not in self.seen:
-            self.seen[folder] = _look(folder, self.hints)
+            found: defaultdict[str, dict[Path, str]] = defaultdict(dict)
+            for path in sorted(folder.iterdir()):
+                if path.is_file() and not path.name.startswith("."):
+                    what, name = role(path, self.hints)
+                    found[what][path] = name
+            self.seen[folder] = found
         return self.seen[folder]
 
     def folders(self, folder: Path) -> tuple[str, ...]:
@@ -306,15 +311,6 @@ class _Looked:
                 break
             above.append(path)
         return above
-
-
-def _look(folder: Path, hints: Hints) -> Files:
-    found: defaultdict[str, dict[Path, str]] = defaultdict(dict)
-    for path in sorted(folder.iterdir()):
-        if path.is_file() and not path.name.startswith("."):
-            what, name = role(path, hints)
-            found[what][path] = name
-    return found
 
 
 def _chosen(formats: Mapping[Path, str], name: str, kind: str) -> tuple[Path | None, str]:

@@ -26,12 +26,8 @@ def is_manifest(path: Path) -> bool:
             header = stream.readline(10_000).decode("utf-8-sig", "replace")
     except OSError:
         return False
-    titles = _titles(header)
+    titles = {title.strip() for title in next(csv.reader([header], delimiter=_separator(header)), [])} - {""}
     return "path" in titles and titles <= {*COLUMNS, *TOLD}
-
-
-def _titles(header: str) -> set[str]:
-    return {title.strip() for title in next(csv.reader([header], delimiter=_separator(header)), [])} - {""}
 
 
 def _separator(header: str) -> str:

@@ -198,8 +198,16 @@ def batch(
     if learn and parts > 1:
         raise MocapError("`model` learn needs all trials: learn one first (mocap learn), and give its file to `shard`s")
     folder = Path(out).absolute()
-    trials = find_trials(_several(sources), stated=stated, out=folder)
-    _refuse_inputs(folder, trials)
+    if isinstance(sources, str | PathLike):
+        sources = [sources]
+    trials = find_trials(
+        [source if isinstance(source, str) else Path(source) for source in sources], stated=stated, out=folder
+    )
+    # refuse to write where trials are read from: an input is never touched
+    for trial in trials:
+        for path in trial.paths:
+            if path.absolute().parent == folder / trial.name:
+                raise OutputError(f"{path} lies where its result would be written: choose another place")
     own = trials[part - 1 :: parts]
     options = Options(
         model=folder / MODEL if learn else checked_model(model), validate=validate, seed=seed, pictures=pictures
@@ -403,12 +411,6 @@ def shard_of(text: str | None) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _several(sources: PathText | Sequence[PathText]) -> list[str | Path]:
-    if isinstance(sources, str | PathLike):
-        sources = [sources]
-    return [source if isinstance(source, str) else Path(source) for source in sources]
-
-
 def checked_model(model: str | PathLike[str]) -> str | Path:
     """The name of a model, or the file of a learned one.
 
@@ -418,15 +420,3 @@ def checked_model(model: str | PathLike[str]) -> str | Path:
     if model in MODELS:
         return str(model)
     return existing_model(model, (*MODELS, LEARN)).absolute()
-
-
-def _refuse_inputs(out: Path, trials: Sequence[Trial]) -> None:
-    """Refuse to write where trials are read from: an input is never touched.
-
-    Raises:
-        OutputError: a trial lies in the folder that its result would be written to.
-    """
-    for trial in trials:
-        for path in trial.paths:
-            if path.absolute().parent == out / trial.name:
-                raise OutputError(f"{path} lies where its result would be written: choose another place")

@@ -151,7 +151,14 @@ def read_mat(path: Path) -> FileContents:
     Raises:
         FormatError: the file is not such an export, or its parts contradict each other.
     """
-    measurement = _measurement(path)
+    # the one struct of the file that holds trajectories
+    table = variables(path)
+    found = [value for value in table.values() if isinstance(value, dict) and "Trajectories" in value]
+    if len(found) != 1:
+        raise FormatError(
+            f"{path.name}: {len(found)} variables contain Trajectories; expected one, as Qualisys Track Manager exports"
+        )
+    measurement = found[0]
     try:
         labelled = measurement["Trajectories"]["Labeled"]
         frames, start = int(measurement["Frames"]), int(measurement.get("StartFrame", 1))
@@ -206,17 +213,6 @@ def _bodies(path: Path, group: Any, names: Sequence[str], xyz_m: Array) -> Bodie
 
 def _count(group: Any) -> int:
     return int(np.max(group.get("Count", 0), initial=0)) if isinstance(group, dict) else 0
-
-
-def _measurement(path: Path) -> dict[str, Any]:
-    """The one struct of the file that holds trajectories."""
-    table = variables(path)
-    found = [value for value in table.values() if isinstance(value, dict) and "Trajectories" in value]
-    if len(found) != 1:
-        raise FormatError(
-            f"{path.name}: {len(found)} variables contain Trajectories; expected one, as Qualisys Track Manager exports"
-        )
-    return found[0]
 
 
 def _kinds(path: Path, labelled: dict[str, Any], data: Array) -> np.ndarray:

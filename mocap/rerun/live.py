@@ -75,7 +75,11 @@ class LiveView:
         log_looks(rec, len(names))
         sides = [palette.TRAIL[side_of(name)] for name in names]
         rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=sides), static=True)
-        _log_line_looks(rec)
+        for path, name, color in (
+            (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
+            (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
+        ):
+            rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)
         self._frames: queue.Queue[LiveEstimate | None] = queue.Queue(maxsize=WAITING)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
@@ -173,14 +177,6 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
     ]
     content = rrb.Horizontal(view, rrb.Vertical(*lines), column_shares=[3, 2])
     return screen(content, play_state=rrb.components.PlayState.Following)
-
-
-def _log_line_looks(rec: rr.RecordingStream) -> None:
-    for path, name, color in (
-        (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
-        (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
-    ):
-        rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,7 @@ from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import skew
+from eal.arrays import Array, skew
 
 LEAST_SD = 0.05
 """Potentials do not look along directions of a pose that are known better than to this share of what was recorded."""

@@ -9,9 +9,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
-from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.rig import RigCamera
-from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
+from mocap.calibration.scene import CLICK_PX, Adjusted, Free, Scene, Sightings, distinct
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
 

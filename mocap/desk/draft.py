@@ -13,8 +13,7 @@ from eal.arrays import Array
 from mocap.batches.trial import Trial
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear
-from mocap.desk.overlays import listed
-from mocap.desk.pictures import Pictures, pictures_of
+from mocap.desk.pictures import Pictures, listed, pictures_of
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file

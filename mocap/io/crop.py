@@ -17,7 +17,7 @@ from eal.arrays import Array
 from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle, variables
-from mocap.io.head import Head, head
+from mocap.io.format import Head, head
 from mocap.io.lines import number
 
 VARIABLE = "XYtop_left"

@@ -20,8 +20,7 @@ from mocap.documents import from_json, one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import MOST_FRAMES, image_numbers
 from mocap.schema import Entry, Schema, checked
 

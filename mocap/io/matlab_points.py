@@ -9,8 +9,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import FileContents, point_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate, told_apart
 

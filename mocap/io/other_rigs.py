@@ -21,8 +21,7 @@ from mocap.documents import decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 
 SUBPIXELS = 64
 """QTM counts sensors of its cameras in 64ths of a pixel."""

@@ -10,8 +10,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
-from mocap.io.format import Format
-from mocap.io.head import Head
+from mocap.io.format import Format, Head
 from mocap.io.lines import frame_numbers, numbers, read_lines
 from mocap.io.optical import rate
 from mocap.io.rigid import fixed_markers

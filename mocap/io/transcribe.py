@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 from mocap.documents import check_regular, decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
-from mocap.io.head import LENGTH, Head
+from mocap.io.format import LENGTH, Head
 from mocap.io.lines import FRAMES, MISSING_WORDS, one_kind
 from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text

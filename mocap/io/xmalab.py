@@ -10,13 +10,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.columns import by_title
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
-from mocap.io.csv_table import read_table
-from mocap.io.dltdv import read_pixels
-from mocap.io.dltdv_files import PIXEL, names_of
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.csv_table import by_title, read_table
+from mocap.io.dltdv import PIXEL, names_of, read_pixels
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers, numbers, read_lines
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XY])")

@@ -22,8 +22,7 @@ from mocap.pipeline.tracking import Part
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
-from mocap.rerun.log_markers import ellipsoids, log_looks
-from mocap.rerun.log_world import log_world
+from mocap.rerun.log_markers import ellipsoids, log_looks, log_world
 from mocap.rerun.record import APPLICATION
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.scene_views import eye, world_view

@@ -11,8 +11,8 @@ from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import rows
 from mocap.rerun.columns import Single, log_over_time, segments, single, ui
 from mocap.rerun.layout import Layout
+from mocap.rerun.log_markers import SAMPLE_CLASS
 from mocap.rerun.log_video import log_video
-from mocap.rerun.log_world import SAMPLE_CLASS
 from mocap.rerun.scene import Scene, ViewCamera
 from mocap.rerun.scene_views import WHISKER_SCALE, camera_order, camera_view, rig_view
 

@@ -180,7 +180,6 @@ def write_recording(recording: SyntheticRecording, folder: Path, *, others: bool
 
 
 def _write_others(recording: SyntheticRecording, paths: Mapping[str, Path]) -> None:
-    """What other programs would have written of the same pixels."""
     write_calibration(paths["calibration"], recording.cameras)
     if "project" in paths:
         write_project(paths["project"], recording)

@@ -148,14 +148,6 @@ def lizard_skeleton() -> Skeleton:
     )
 
 
-def extremities() -> tuple[tuple[str, ...], ...]:
-    """Sets of markers that are lost together: each hand, each foot, the end of the tail."""
-    return (
-        *((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("wrist", "hand"), ("ankle", "foot"))),
-        ("tail_2", "tail_3"),
-    )
-
-
 SLOPE_RAD = np.deg2rad(35)
 SPEED_M_S = 0.14
 GAIT = Gait()
@@ -275,6 +267,7 @@ def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rol
         xyz = xyz + skin_motion(rng, t_s, phase, scale * rng.uniform(0.6, 1.4, len(MARKERS)))
     world = turn(1, np.array(-SLOPE_RAD))
     standing = [contact.get(name, np.zeros(len(t_s), dtype=bool)) for name in MARKERS]
+    # sets of markers that are lost together: each hand, each foot, the end of the tail
     return Scene(
         skeleton=lizard_skeleton(),
         t_s=t_s,
@@ -282,7 +275,10 @@ def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rol
         triangles=np.empty((0, 3), dtype=int),
         solids=_solids(rod, girdles, world),
         clearance_m=0.0015,
-        clusters=extremities(),
+        clusters=(
+            *((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("wrist", "hand"), ("ankle", "foot"))),
+            ("tail_2", "tail_3"),
+        ),
         contact=np.stack(standing, axis=1),
     )
 
@@ -335,8 +331,6 @@ def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
 
 
 def _solids(rod: dict[str, Array], girdles: dict[str, Array], world: Array) -> tuple[Solid, ...]:
-    """Chest, belly, head and the rod itself."""
-
     def solid(centre: Array, rotation: Array, semi_axes: tuple[float, float, float]) -> Solid:
         return Solid(centre_m=rotated(world, centre), rotation=world @ rotation, semi_axes_m=np.array(semi_axes))
 

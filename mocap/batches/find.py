@@ -296,7 +296,6 @@ def _view_folders(looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]]) -
 
 
 def _cameras(looked: "_Looked", folder: Path) -> tuple[str, ...]:
-    """Names of the cameras of the calibration that goes for a folder."""
     calibration = looked.stated.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
     return () if calibration is None else camera_names(Path(calibration))
 

@@ -87,7 +87,6 @@ def _failed(trial: Trial, error: str, key: str, out: Path) -> Record:
 
 @lru_cache(maxsize=1)
 def _model(path: Path) -> Model:
-    """A learned model, read once a worker."""
     return load_model(path)
 
 

@@ -342,7 +342,6 @@ class _State:
             self.sum_up()
 
     def _tell(self) -> None:
-        """Say how far it is."""
         ended = len(self.went) - self.before
         left = (monotonic() - self.begun_s) / ended * len(self.missing) if ended else None
         self.progress(

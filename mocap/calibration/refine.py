@@ -126,7 +126,6 @@ def refine_cameras(
 
 
 def _length(xyz_m: Array, bone: Bone) -> tuple[float, float]:
-    """Wanted length of a bone and the deviation of a single one."""
     length = np.linalg.norm(xyz_m[:, bone.first] - xyz_m[:, bone.second], axis=-1)
     length = length[np.isfinite(length)]
     if not len(length):

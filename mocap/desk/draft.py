@@ -177,7 +177,6 @@ class Draft:
 
 
 def _said(entry: Any, name: str) -> str:
-    """The markers of a measure, for a person."""
     value = entry[name] if isinstance(entry, Mapping) else ""
     return ", ".join(str(part) for part in value) if isinstance(value, list) else ""
 

@@ -228,7 +228,6 @@ def _value(data: bytes, kind: int, sizes: list[int], processor: int) -> Any:
 
 
 def _word(text: bytes) -> str:
-    """A word without the blanks that fill it up, in UTF-8 or in the letters of western Europe."""
     try:
         return text.decode("utf-8").strip(" \0")
     except UnicodeDecodeError:

@@ -136,7 +136,6 @@ def _common(one: str, other: str) -> int:
 
 
 def _offsets(path: Path, values: Array) -> Array:
-    """(K, 2) offsets, checked."""
     if values.ndim != 2 or values.shape[1] != 2 or not len(values) or not np.isfinite(values).all():
         raise FormatError(f"{path.name}: crop offsets have shape {values.shape}; expected finite x, y in a row a frame")
     if np.abs(values).max() > 1e5:

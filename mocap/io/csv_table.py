@@ -94,7 +94,6 @@ def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
 
 
 def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
-    """The names of the first line, and what follows it."""
     first, _, rest = block.partition(b"\n")
     try:
         names = next(csv.reader([first.decode("utf-8-sig").strip()]), [])
@@ -129,8 +128,6 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
 
 
 def _few(path: Path, body: bytes, names: Sequence[str], first_line: int) -> Array:
-    """Numbers of lines of as many cells."""
-
     def value(cell: str, row: int, column: int) -> float:
         bare = cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
         if bare in MISSING_WORDS:

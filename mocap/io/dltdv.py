@@ -203,7 +203,6 @@ def offsets(path: Path, format: str, pattern: str) -> FileContents:
 
 
 def _ahead(offset_frames: np.ndarray) -> str:
-    """A sentence on offsets; empty where all are 0."""
     if not offset_frames.any():
         return ""
     return f"cameras are offset by {offset_frames.min():g} to {offset_frames.max():g} frames"

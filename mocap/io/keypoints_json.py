@@ -140,7 +140,6 @@ def _followed(frames: dict[int, list[Array]]) -> tuple[dict[int, Array], int]:
 
 
 def _content(path: Path) -> str:
-    """What a folder without poses holds, in words."""
     inside = sorted(p.name for p in path.iterdir())
     if not inside:
         return " with nothing in it"
@@ -264,7 +263,6 @@ def _read_coco(path: Path, _hints: Hints) -> FileContents:
 
 
 def _image_frames(images: dict[Any, PurePosixPath]) -> dict[Any, int]:
-    """The number of each image's frame."""
     by_folder: dict[PurePosixPath, list[Any]] = defaultdict(list)
     for image, name in images.items():
         by_folder[name.parent].append(image)

@@ -91,7 +91,6 @@ _FIELDS = {"type", "nMarkers", "freq", "markerName", "data"}
 
 
 def _structures(path: Path) -> dict[str, Any]:
-    """The variables that are such structures, by name."""
     found = variables(path).items()
     return {name: own for name, own in found if isinstance(own, dict) and own.keys() >= _FIELDS}
 

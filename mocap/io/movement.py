@@ -105,7 +105,6 @@ def _recording(path: Path, data: Any) -> FileContents:
 
 
 def _codes(path: Path, values: Array) -> NDArray[np.int64]:
-    """(T, M) codes of ``Status``."""
     whole = values.astype(np.int64) if (np.abs(values) < MOST_FRAMES).all() else values
     kept: Any = whole if np.array_equal(whole, values) else values
     known = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))

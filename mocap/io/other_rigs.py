@@ -29,7 +29,6 @@ _MOST_BYTES = 20_000_000
 
 
 def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str) -> list[float]:
-    """Attributes of an element as numbers."""
     out = []
     for name in names.split():
         try:
@@ -180,7 +179,6 @@ def _nearest_brown(matrix: Array, size: Array, radial: Array) -> Array:
 
 
 def _matrices(path: Path) -> dict[str, Array]:
-    """The matrices of an OpenCV YAML file, by name."""
     text = path.read_text(encoding="utf-8", errors="replace")
     found = {}
     pattern = r"(?ms)^\s*(\w+): *!!opencv-matrix\s+rows: *(\d+)\s+cols: *(\d+)\s+dt: *\w+\s+data: *\[([^\]]*)\]"

@@ -126,7 +126,6 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _by_kind(header: list[str], kind: re.Pattern[str]) -> dict[str, tuple[str, ...]]:
-    """The same where coordinates have titles of one kind."""
     found: dict[str, dict[str, str]] = {}
     special: dict[str, tuple[str, ...]] = {}
     for title in header:

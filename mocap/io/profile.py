@@ -79,7 +79,6 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _cells(text: str) -> list[str]:
-    """The cells of a line, between spaces, tabs or commas."""
     return _spaced(text) or re.split(r"\s*,\s*", text.strip())
 
 

@@ -215,7 +215,6 @@ def _count(group: Any) -> int:
 
 
 def _kinds(path: Path, labelled: dict[str, Any], data: Array) -> np.ndarray:
-    """(T, M) QTM's type of each sample."""
     if "Type" not in labelled:
         kind = np.where(np.isnan(data[:, 3]), 0, np.where(data[:, 3] == 0, 2, 1))
     else:

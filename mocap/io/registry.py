@@ -255,7 +255,6 @@ def _of_either(
 
 
 def _known(beginning: Head) -> bool:
-    """Whether a file begins as some format does."""
     return any(format.knows(beginning) for format in FORMATS)
 
 

@@ -220,7 +220,6 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
 
 
 def _left_out(lines: Sequence[str], notes: Sequence[int]) -> list[str]:
-    """A sentence on the lines that are neither titles nor numbers."""
     if not notes:
         return []
     shown = "; ".join(f"{i + 1}: {lines[i].strip(' ,;|')[:60]!r}" for i in notes[:_SHOWN])

@@ -233,7 +233,6 @@ def _tabs(path: Path, text: str, known: Knows) -> tuple[str, tuple[str, ...]]:
 
 
 def _decimal_comma(text: str, separator: str) -> re.Match[str] | None:
-    """The first number with a decimal comma."""
     return _cell(_WITH_COMMA, separator).search(text) if "," in text else None
 
 
@@ -266,7 +265,6 @@ def _with_commas(path: Path, text: str, separator: str) -> str:
 
 
 def _empty(line: str) -> bool:
-    """Whether a line holds nothing but commas."""
     return "," in line and not line.strip(", \t")
 
 
@@ -293,5 +291,4 @@ def _trimmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _surplus(line: str) -> int:
-    """How many empty cells a line ends with."""
     return line[len(line.rstrip(", \t")) :].count(",")

@@ -277,7 +277,6 @@ def _table(axes: Axes, design: JointDesign) -> None:
 
 
 def _side(axes: Axes, kit: Kit | None) -> None:
-    """Heights of plate, foot and layers."""
     axes.set_axis_off()
     if kit is None:
         return

@@ -210,7 +210,6 @@ def _tile_bounds(run: Stored, path: str) -> rrb.VisualBounds2D | None:
 
 
 def _health(runs: Sequence[Stored]) -> rrb.Container:
-    """Innovations and likelihood, a column a run."""
     series = (
         (paths.NIS, "squared prediction error over its expected value (NIS), 95 % band"),
         (paths.LOG_LIKELIHOOD, "log-likelihood (nat)"),
@@ -229,7 +228,6 @@ def _scene(
     contents: Sequence[str],
     trail: tuple[str, int],
 ) -> rrb.View:
-    """A scene that frames the motion of all runs."""
     points = np.concatenate([run.xyz_m.reshape(-1, 3) for run in runs])
     points = points[np.isfinite(points).all(axis=1)]
     low, high = np.quantile(points, (0.005, 0.995), axis=0) if len(points) else np.zeros((2, 3))

@@ -86,7 +86,6 @@ def with_footage(
 
 
 def _with_size(camera: Camera, movie: Movie) -> Camera:
-    """The camera with the size of its movie's pictures."""
     if camera.size_px is not None and tuple(camera.size_px) != movie.size_px:
         raise MocapError(
             f"`video`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]}, but camera {camera.name} is "
@@ -96,7 +95,6 @@ def _with_size(camera: Camera, movie: Movie) -> Camera:
 
 
 def _sentence(camera: Camera, footage: Footage, source: str) -> str:
-    """What the report says of one movie."""
     offsets = np.unique(footage.frames - np.arange(len(footage.frames)))
     how = f"{offsets[0]:+d}" if len(offsets) == 1 else f"{offsets[0]:+d} to {offsets[-1]:+d}"
     there = int(footage.there.sum())
@@ -198,7 +196,6 @@ def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Itera
 def _pictures(
     footage: Footage, camera: Camera, size_px: tuple[int, int], *, mirrored: bool
 ) -> "Iterator[av.VideoFrame]":
-    """The pictures to code, one a frame of the recording."""
     library = pyav()
     width, height = size_px
     where = None

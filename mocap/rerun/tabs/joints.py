@@ -213,7 +213,6 @@ def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
 
 
 def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
-    """The potential from above, with what is marked on it."""
     log_picture(rec, f"{path}/potential", land.x_mm, land.y_mm, land.value)
     edge = [line * FLIP for line in land.contour_mm(RANGE)]
     rec.log(f"{path}/range", rr.LineStrips2D(edge, colors=palette.WHITE, radii=ui(1.25), draw_order=15.0), static=True)

@@ -11,9 +11,8 @@ from mocap.datasets.film import film
 from mocap.datasets.linkage import rotated, turn
 from mocap.datasets.observe import WIND_TUNNEL, Digitiser
 from mocap.datasets.occlusion import Solid
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.recording import Motion, Scene, SyntheticRecording
 from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
-from mocap.datasets.scene import Motion, Scene
 from mocap.datasets.wander import Wander, draw_wander, skin_motion
 
 from eal.arrays import Array

@@ -13,9 +13,8 @@ from mocap.datasets.folder import write_recording
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard
 from mocap.datasets.movie import shown_pixels, write_movies
 from mocap.datasets.pendulums import Pendulum, make_pendulum, write_pendulum
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.recording import Motion, SyntheticRecording
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
-from mocap.datasets.scene import Motion
 
 from mocap.cameras.camera import Camera
 from mocap.errors import MocapError

@@ -9,9 +9,8 @@ from mocap.datasets.film import film
 from mocap.datasets.linkage import bent, ramp, rotated, turn
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.occlusion import Solid
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.recording import Motion, Scene, SyntheticRecording
 from mocap.datasets.rig import tank_cameras
-from mocap.datasets.scene import Motion, Scene
 from mocap.datasets.wander import draw_wander, skin_motion
 from numpy.typing import NDArray
 

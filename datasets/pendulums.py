@@ -10,9 +10,8 @@ import numpy as np
 from mocap.datasets.film import film
 from mocap.datasets.linkage import rotated, turn
 from mocap.datasets.observe import Digitiser
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.recording import Scene, SyntheticRecording
 from mocap.datasets.rig import aimed
-from mocap.datasets.scene import Scene
 from scipy.integrate import solve_ivp
 
 from eal.arrays import Array, frozen

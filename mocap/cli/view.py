@@ -89,7 +89,6 @@ def share(
     """Write one page that holds the recording and its viewer: it opens by a double click, and reaches no host."""
     from tempfile import TemporaryDirectory
 
-    from mocap.cli.view import with_recording
     from mocap.io.output import result_folder
     from mocap.rerun.share import PAGE, write_page
 

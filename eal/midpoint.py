@@ -15,12 +15,9 @@ Array = NDArray[Any]
 
 Acceleration = Callable[[float, Array, Array], Array]
 
-HALVINGS = 8
-"""A step that does not converge is taken in halves, at most so often."""
-
 
 def midpoint_step(
-    acceleration: Acceleration, t_s: float, q: Array, v: Array, h_s: float, *, halvings: int = HALVINGS
+    acceleration: Acceleration, t_s: float, q: Array, v: Array, h_s: float, *, halvings: int = 8
 ) -> tuple[Array, Array]:
     """One step q' = q + h w, v' = v + h a(t + h/2, q + h w / 2, w) with w = (v + v')/2: order 2.
 

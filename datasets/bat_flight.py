@@ -13,7 +13,6 @@ _GRAVITY_M_S2 = 9.81
 # a U-turn of a bat of 55 g: speed from 2.0 to 0.5 m/s, bank 20 to 40 degrees, 0.2 m gained (Windes et al. 2020)
 _SPEED_M_S, _SPEED_SWING = 1.5, 0.54
 _HALF_LAP_S, _TURN_SWING = 0.65, 0.45
-_HEADING_LEAD_S = 0.03
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,7 +100,7 @@ def turning_flight(rng: np.random.Generator, t_s: Array, phase_rad: Array) -> tu
     weave, climb, yaw = _wanders(rng)
     side = 1.0 if rng.random() < 0.5 else -1.0
     start = rng.uniform(0, 2 * _HALF_LAP_S)
-    path, ahead = laps(t_s + start), laps(t_s + start + _HEADING_LEAD_S)
+    path, ahead = laps(t_s + start), laps(t_s + start + 0.03)
     heave, surge = -0.006 * np.sin(phase_rad - 0.2), 0.002 * np.cos(phase_rad - 0.6)
     position = path.position_m * [1.0, side, 1.0]
     position[:, 1:] += np.stack([0.01 * weave.value(t_s), 0.01 * climb.value(t_s) + heave], axis=-1)

@@ -8,8 +8,6 @@ import numpy as np
 from eal.arrays import Array
 from mocap.digitising.naming import seen_from
 
-_REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
-
 Shown = Callable[[int, Array], Array]
 """(N, 2) ideal pixels of a camera as its picture shows them."""
 
@@ -31,7 +29,8 @@ def ellipses(matrices: Array, xyz_m: Array, cov_m2: Array, shown: Shown, *, y_up
     known = np.isfinite(s).all(axis=(-1, -2))
     values, vectors = np.linalg.eigh(s[known])
     turn = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
-    out[known, 2:] = np.c_[_REACH * np.sqrt(np.maximum(values[:, ::-1], 0)), turn]
+    # root of the chi-square of two degrees of freedom that 95 % stay below
+    out[known, 2:] = np.c_[2.4477 * np.sqrt(np.maximum(values[:, ::-1], 0)), turn]
     for c in range(len(matrices)):
         out[c, :, :2] = shown(c, uv[c])
     return out

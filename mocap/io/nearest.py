@@ -52,8 +52,6 @@ _SUFFIXES = {
     "trc": "trc tsv",
     "parquet": "parquet binary",
 }
-KIND = 3.0
-"""What a word for the kind of file counts, beside 1 or 2 for another word."""
 _MAGIC = (
     (b"\xff\xd8\xff", "a JPEG picture"),
     (b"\x89PNG", "a PNG picture"),
@@ -117,7 +115,7 @@ def nearest(head: Head, formats: Sequence[Format]) -> list[Format]:
     def score(format: Format) -> float:
         signs = _words(_SIGNS.get(format.name, f"{format.name} {format.title}"))
         kinds = {"csv", "tsv", *(word for words in _SUFFIXES.values() for word in words.split())}
-        weights = (KIND if sign in kinds else 2.0 if len(sign) > 4 else 1.0 for sign in signs & found)
+        weights = (3.0 if sign in kinds else 2.0 if len(sign) > 4 else 1.0 for sign in signs & found)
         return sum(weights) / (3 + len(signs)) ** 0.5
 
     return sorted((f for f in formats if f.name != "dltdv"), key=lambda f: -score(f))[:3]

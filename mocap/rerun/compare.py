@@ -22,7 +22,6 @@ from mocap.rerun.stored import Stored, read_recording, recording_file
 APPLICATION = "mocap-compare"
 COLORS = (palette.SKY_BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE)
 """Of the runs, where they are shown together."""
-_TILES = 2
 
 
 Difference = tuple[tuple[str, ...], Array]
@@ -168,7 +167,7 @@ def _side_by_side(runs: Sequence[Stored]) -> rrb.Container:
 
 def _cameras(runs: Sequence[Stored]) -> list[rrb.Container]:
     """The first cameras that all runs have, a row a camera."""
-    common = [c for c in runs[0].below(paths.CAMERAS) if all(c in run.below(paths.CAMERAS) for run in runs)][:_TILES]
+    common = [c for c in runs[0].below(paths.CAMERAS) if all(c in run.below(paths.CAMERAS) for run in runs)][:2]
     rows = []
     for camera in common:
         tiles = []

@@ -19,7 +19,6 @@ from mocap.rerun.scene_views import eye, world_view
 from mocap.rerun.share import QUERY, changed_page, fetched_viewer
 from mocap.skeleton import Skeleton
 
-_RAY = 0.15
 _SCRIPT = """<script>
   const ask = window.fetch;
   window.fetch = (what, ...more) => new URL(what.url ?? what, location).origin === location.origin
@@ -53,7 +52,7 @@ def write_points(markers: MarkerTracks, cameras: Sequence[Camera], skeleton: Ske
         eyes = np.stack([camera.position_m for camera in scene.cameras])
         arrows = rr.Arrows3D(
             origins=single(eyes),
-            vectors=single(_RAY * ahead * np.linalg.norm(eyes - scene.centre_m, axis=1)[:, None]),
+            vectors=single(0.15 * ahead * np.linalg.norm(eyes - scene.centre_m, axis=1)[:, None]),
             labels=[camera.name for camera in scene.cameras],
             radii=ui(2.0),
         )

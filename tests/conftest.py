@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # `tests.reference` and `tests.real_data`, however pytest was started
 
 os.environ.setdefault("MOCAP_JOBS", "1")  # tests run side by side already
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # processes that tests start would each compile all of mocap again
+sys.dont_write_bytecode = False
 settings.register_profile(
     "project", deadline=None, derandomize=True, max_examples=40, suppress_health_check=[HealthCheck.too_slow]
 )

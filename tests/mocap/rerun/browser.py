@@ -36,6 +36,7 @@ def chromium() -> Iterator[Any]:
         "--disable-dev-shm-usage",
         "--use-angle=swiftshader",
         "--enable-unsafe-swiftshader",
+        "--js-flags=--wasm-lazy-compilation --no-wasm-tier-up",  # the viewer has 40 MB of it, shown for seconds
         f"--window-size={SIZE[0]},{SIZE[1]}",
         "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     ):

@@ -1,9 +1,10 @@
 """What was found in a recording, or decided about it: data, each with the one sentence that people read."""
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
+
+from mocap.text import number_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,16 +53,28 @@ def readings(texts: Iterable[str], *, where: str = "") -> tuple[Finding, ...]:
 
 
 def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:
-    """The 40 commonest findings of a recording's blocks; those of one kind, camera and markers are one."""
-    found: defaultdict[tuple[object, ...], list[Finding]] = defaultdict(list)
-    for block in blocks:
-        for one in block:
-            found[one.kind, one.cameras, one.markers].append(one)
-    commonest = sorted(found.values(), key=len, reverse=True)[:40]
+    """The 40 commonest findings of a recording's blocks.
+
+    Those of one kind and markers are one, where the cameras of one are among those of the other.
+    """
+    found: list[list[Finding]] = []
+    for one in (finding for block in blocks for finding in block):
+        alike = [same for same in found if _alike(same[0], one)]
+        if alike:
+            alike[0].append(one)
+        else:
+            found.append([one])
+    commonest = sorted(found, key=len, reverse=True)[:40]
     return [same[0] if len(set(map(str, same))) == 1 else _of_several(same) for same in commonest]
+
+
+def _alike(one: Finding, other: Finding) -> bool:
+    fewer, more = sorted((set(one.cameras), set(other.cameras)), key=len)
+    return (one.kind, one.markers, not fewer) == (other.kind, other.markers, not more) and fewer <= more
 
 
 def _of_several(same: list[Finding]) -> Finding:
     first = same[0]
-    text = f"{first.text} (and in {len(same) - 1} other blocks, with their own numbers)"
+    others = number_of(len(same) - 1, "other block")
+    text = f"{first.text} (and in {others}, with their own numbers)"
     return Finding(kind=first.kind, text=text, alarm=first.alarm, cameras=first.cameras, markers=first.markers)

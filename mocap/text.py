@@ -67,6 +67,15 @@ def _escape(found: re.Match[str]) -> str:
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
 
 
+OTHER_OPTIONS = {
+    "image_height_px": "--image-height",
+    "stored_points": "--stored",
+    "overwrite": "--force",
+    "no_solid": "--no-solid",
+}
+"""Options of the command line that are not called as the arguments that they are."""
+
+
 def with_options(text: str, options: Mapping[str, str]) -> str:
     """A message in which each argument between backquotes is the option that states it, by the argument's name."""
     return re.sub(r"`(\w+)`", lambda found: options.get(found[1], found[0]), text)

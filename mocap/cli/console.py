@@ -16,7 +16,7 @@ from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook,
 from rich.segment import Segment
 
 from mocap.progress import bars
-from mocap.text import number_of, visible, with_options
+from mocap.text import OTHER_OPTIONS, number_of, visible, with_options
 
 
 class _Visible:
@@ -54,18 +54,12 @@ def in_words_of(command: Callable[[], object]) -> None:
     _commands[:] = [command]
 
 
-OTHER = {"overwrite": "--force", "no_solid": "--no-solid"}
-"""Arguments whose options have another name, beside those of ``mocap.read``."""
-
-
 def option_names(command: Any) -> dict[str, str]:
     """The first option of each parameter of a command and of those below it, by the parameter's name."""
-    from mocap.pipeline.reading import OPTIONS  # which loads all that reads
-
     found = {p.name: p.opts[0] for p in command.params if p.opts and p.opts[0].startswith("--")}
     for below in getattr(command, "commands", {}).values():
         found |= option_names(below)
-    return found | OTHER | OPTIONS
+    return found | OTHER_OPTIONS
 
 
 def _with_options(text: str) -> str:

@@ -31,7 +31,7 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.variables import dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.skeleton import Skeleton, is_model, read_skeleton
-from mocap.text import as_text, with_options
+from mocap.text import OTHER_OPTIONS, as_text, with_options
 
 PathText = str | PathLike[str]
 
@@ -134,8 +134,7 @@ def read(
     return found if log is None else edited(found, read_edits(log), where=log.name)
 
 
-_OTHER = {"image_height_px": "--image-height", "stored_points": "--stored"}
-OPTIONS = {name: _OTHER.get(name, "--" + name.replace("_", "-")) for name in {**signature(read).parameters}}
+OPTIONS = {name: OTHER_OPTIONS.get(name, "--" + name.replace("_", "-")) for name in {**signature(read).parameters}}
 del OPTIONS["tracks"], OPTIONS["hints"]
 """The options of the command line that are the arguments of ``read``."""
 

@@ -98,7 +98,8 @@ def error_lines(report: Mapping) -> list[str]:
     """The error to expect in gaps: three numbers, and how other methods fare."""
     found = expected_error(report)
     if found is None:
-        return ["not measured: no points were hidden"]
+        hidden = report.get("validation", {}).get("hidden_samples")
+        return ["not measured: no points were hidden" if not hidden else _other_models(report, hidden)]
     unit = found.unit
     lines = [f"{found.rmse:.3g} {unit} RMS error of {found.samples} filled points against {found.against}"]
     if found.coverage is not None:
@@ -115,6 +116,19 @@ def error_lines(report: Mapping) -> list[str]:
             "other methods: " + ", ".join(f"{method(k)} {e:.3g}" for k, e in found.others.items()) + f" {unit}"
         )
     return lines
+
+
+def _other_models(report: Mapping, hidden: int) -> str:
+    """How hidden points were filled where they were too few for the model that was used."""
+    unit = unit_of(report)
+    errors = {name: one[f"rmse_{unit}"] for name, one in report["validation"]["methods"].items()}
+    others = ", ".join(
+        f"{method(name)} {error:.3g}" for name, error in sorted(errors.items(), key=lambda one: one[1]) if error
+    )
+    return (
+        f"not measured for {method(report['model']['name'])}: where {number_of(hidden, 'point')} could be hidden, it "
+        f"cannot be used; other methods there: {others} {unit}"
+    )
 
 
 def better(report: Mapping) -> str | None:

@@ -1,5 +1,6 @@
 """Track a long recording in blocks, into a folder; look at any range of its frames."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -60,7 +61,8 @@ def write_in_blocks(
         model: As of ``mocap.track``.
         learned: A model of other trials to track with, in place of these; None: none.
         size: Frames of a block.
-        validate: Whether samples of the first block that shows enough are hidden, to measure how they are filled.
+        validate: Whether samples are hidden, to measure how they are filled: of the first block that shows enough for
+            the model, or where none does, of the first.
         seed: Where gaps are hidden, to learn from and for that.
         footer: What the readable report ends with.
         progress: Called with the name of the stage and the share of it that is done.
@@ -76,6 +78,7 @@ def write_in_blocks(
     detail: tuple[int, Recording] | None = None
     seen: list[int] = []
     scores: Mapping[str, Score] = {}
+    models: Counter[str] = Counter()
     with one_blas_thread(), BlockWriter(folder, fps=1 / recording.dt_s) as writer:
         with stages.stage("learn once"):
             recording = with_ideal_pixels(recording) if recording.filmed else recording
@@ -85,6 +88,7 @@ def write_in_blocks(
             elif excerpts:
                 learned, why = learn_excerpts(recording, model=model, seed=seed)
         name = model if model in NAMED else "constant_velocity"
+        wanted = name if learned is None else "learned"
         for core in blocks_of(n_frames, size):
             with stages.stage("track in blocks") as share:
                 share(core.start / n_frames)
@@ -94,10 +98,11 @@ def write_in_blocks(
                     model=name,
                     learned=learned,
                     excerpts=excerpts,
-                    validated=validate and not scores,
+                    validated=validate and wanted not in scores,
                     seed=seed,
                 )
-                scores = scores or tried
+                models[run.model] += len(core)
+                scores = tried if wanted in tried or not scores else scores
             with stages.stage("kinematics and tables"):
                 found = kinematics(run.motion, run.skeleton, recording=run.name)
                 rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
@@ -118,7 +123,8 @@ def write_in_blocks(
             told = (*recording.told, *recording.findings, *over_blocks(found_out))
             tracked, cleaned = (_joined([pair[i] for pair in thin]) for i in (0, 1))
             cleaned = replace(cleaned, findings=told)
-            tracked = replace(tracked, data=with_motion(tracked.data, still(tracked.tracks)), findings=told)
+            data = tracked.data.assign_attrs(model=models.most_common(1)[0][0])
+            tracked = replace(tracked, data=with_motion(data, still(tracked.tracks)), findings=told)
             part = Part(frames=slice(seen[0], seen[-1]), markers=np.arange(len(tracked.names)))
             sums = {**sums, "blocks": {"frames": size, "every": every, "shown": len(tracked.t_s)}}
             tracked = reported(tracked, cleaned, part, why=why, scores=scores, stages=stages, whole=sums)

@@ -239,8 +239,13 @@ def test_findings_of_blocks():
     ]
     assert [str(one) for one in over_blocks(blocks)] == [
         "noise of 0.1 mm (and in 2 other blocks, with their own numbers)",
-        "a from frame 1 (and in 1 other blocks, with their own numbers)",
+        "a from frame 1 (and in 1 other block, with their own numbers)",
         "b from frame 2",
+    ]
+    late = [Finding(kind="late", text=" ".join(names), cameras=names) for names in (("1", "2"), ("2", "3"), ("2",))]
+    assert [str(one) for one in over_blocks([[one] for one in late])] == [
+        "1 2 (and in 1 other block, with their own numbers)",
+        "2 3",
     ]
 
 

@@ -34,3 +34,17 @@ def test_extrapolated_points_are_counted(count, said):
     lines = [line for line in error_lines(report) if "extrapolated" in line]
     assert len(lines) == (said is not None)
     assert all(line.startswith(said) for line in lines)
+
+
+def test_hidden_points_that_only_other_models_filled_are_told():
+    """Of a long recording one block is validated; where it shows too little for the model, that is said."""
+    report = {
+        "model": {"name": "learned"},
+        "validation": {"methods": {"linear": {"rmse_mm": 2.72}, "cubic": {"rmse_mm": 1.54}}, "hidden_samples": 40},
+        "sd_mm": {"filled": {"50%": 1.0}},
+    }
+    assert error_lines(report) == [
+        "not measured for learned model: where 40 points could be hidden, it cannot be used; other methods there: "
+        "cubic splines 1.54, straight lines 2.72 mm"
+    ]
+    assert error_lines({**report, "validation": {}}) == ["not measured: no points were hidden"]

@@ -171,10 +171,6 @@ def photograph(
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
-_LEAST_COSINE = 0.3
-"""A board is photographed where it faces a camera by 72 degrees or less."""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoardSession:
     """A board held before a rig, F times.
@@ -287,7 +283,7 @@ def write_board_session(
         (images / camera.name).mkdir()
         for f, (rotation, translation_m) in enumerate(zip(session.rotation, session.translation_m, strict=True)):
             progress((c * len(session.rotation) + f) / (len(session.cameras) * len(session.rotation)))
-            if unit(rotation @ middle + translation_m - eye_m) @ rotation[:, 2] < _LEAST_COSINE:
+            if unit(rotation @ middle + translation_m - eye_m) @ rotation[:, 2] < 0.3:  # 72 degrees
                 continue
             picture = photograph(
                 finder,

@@ -29,7 +29,6 @@ from mocap.schema import Entry, Schema, checked, names
 from mocap.skeleton import write_skeleton
 
 _ITERATIONS = 3
-_USER_BLOCK = 512
 
 
 def write_project(path: Path, recording: SyntheticRecording) -> None:
@@ -52,7 +51,7 @@ def write_project(path: Path, recording: SyntheticRecording) -> None:
     n_cameras, n_frames, n_markers = pixels.seen.shape
     ideal = undistorted(cameras, pixels.uv_px, iterations=_ITERATIONS)
     xyz_m = linear(stacked(cameras), ideal)
-    with h5py.File(path, "w", userblock_size=_USER_BLOCK) as file:
+    with h5py.File(path, "w", userblock_size=512) as file:
         parent = file.create_group("udExport")
         parent.attrs["MATLAB_class"] = np.bytes_(b"struct")
         data = parent.create_group("data")

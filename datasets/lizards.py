@@ -152,9 +152,6 @@ SPEED_M_S = 0.14
 GAIT = Gait()
 _DEG = np.pi / 180
 _ROD_RADIUS_M = 0.005
-_BACK_M = 0.018  # of the spine above the axis of the rod
-_TOE_M = 0.001  # of a toe's marker above the rod
-_START_M = -0.14
 # bones in metres: an adult Anolis sagrei of 60 mm from snout to vent
 _AXIS_M = {
     "snout": 0.012,
@@ -236,7 +233,7 @@ def lizard_motion(seed: int, *, skin_m: float = 0.0002, rolling: float = 0.0) ->
 def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float) -> Scene:
     """The lizard's motion at times (T,), the same function of time for the same seed; others as in ``make_lizard``."""
     rng = np.random.default_rng(seed)
-    progress = _START_M + SPEED_M_S * (t_s + 0.1 * draw_wander(rng, band_hz=(0.3, 2.0)).integral(t_s))
+    progress = -0.14 + SPEED_M_S * (t_s + 0.1 * draw_wander(rng, band_hz=(0.3, 2.0)).integral(t_s))
     phase = 2 * np.pi * progress / GAIT.stride_m
     rod, girdles = _axis(rng, t_s, progress, phase)
     contact = {}
@@ -300,7 +297,7 @@ def _axis(
         "pelvis": turn(2, hips) @ turn(0, -4 * _DEG * np.sin(phase_rad)),
     }
     girdles["head"] = turn(2, -0.3 * chest + 5 * _DEG * slow[2]) @ turn(1, _DEG * (-6 + 3 * slow[3]))
-    height = _BACK_M + 0.0005 * np.cos(2 * phase_rad + 0.5)
+    height = 0.018 + 0.0005 * np.cos(2 * phase_rad + 0.5)
     sway = 0.0012 * np.sin(phase_rad) + 0.0008 * slow[4]
     rod: dict[str, Array] = {"spine": np.stack([progress_m, sway, height], axis=-1)}
     ahead = np.array([1.0, 0, 0])
@@ -321,7 +318,7 @@ def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
     """Toe and heel (T, 3) in the axes of the rod: the toe stands, the heel rises until the toe leaves."""
     outward = np.stack([np.zeros_like(foot.around_rad), np.sin(foot.around_rad), np.cos(foot.around_rad)], axis=-1)
     along = np.stack([foot.along_m, np.zeros_like(foot.along_m), np.zeros_like(foot.along_m)], axis=-1)
-    toe = along + (_ROD_RADIUS_M + _TOE_M + foot.lift_m)[:, None] * outward
+    toe = along + (_ROD_RADIUS_M + 0.001 + foot.lift_m)[:, None] * outward
     pitch = _DEG * (38 + 17 * np.cos(2 * np.pi * (foot.cycle - 0.68)))[:, None]
     level = np.array([-np.cos(0.5), mirror * np.sin(0.5), 0.0])
     # level and outward are not at right angles: the sum is made a unit vector

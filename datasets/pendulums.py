@@ -166,8 +166,6 @@ def write_pendulum(recording: PendulumRecording, folder: Path) -> None:
 
 STAND_M = {"top": (0.0, 0.0, 0.4), "front": (0.35, 0.0, 0.15), "side": (0.0, 0.35, 0.15), "pivot": (0.0, 0.0, 0.0)}
 """Markers that stand still; the pivot is the joint's centre, z is up."""
-HEADING_RAD = 0.45
-"""The planar pendulum swings in the vertical plane through this horizontal direction."""
 
 
 def make_pendulum_film(
@@ -235,7 +233,7 @@ def _scene(t_s: Array, *, kind: Pendulum, swing_rad: float, azimuth_rad: float) 
     q = pendulum_motion(kind, t_s, swing_rad=swing_rad, azimuth_rad=azimuth_rad)[0]
     if kind == "planar":
         bob = np.stack([q[:, 0] * np.cos(q[:, 1]), np.zeros(len(q)), q[:, 0] * np.sin(q[:, 1])], axis=1)
-        bob = rotated(turn(2, HEADING_RAD), bob)
+        bob = rotated(turn(2, 0.45), bob)
     else:
         bob = q
     stand = np.broadcast_to(np.array(list(STAND_M.values())), (len(q), len(STAND_M), 3))

@@ -93,8 +93,6 @@ def pivoted_cholesky(kernel: Kernel, z: Array, *, tolerance: float, max_rank: in
 
 Method = Literal["auto", "exact", "cholesky"]
 
-EXACT_UP_TO = 4000
-"""Samples up to which ``auto`` may form the Gram matrix (0.1 GiB, some 10 s)."""
 
 WIDE = 500
 """Pivots above which the eigenvalues come from the product of the factor with itself."""
@@ -143,7 +141,7 @@ def solve(
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, but is {method!r}")
     if method == "exact":
         return _exact(kernel, z, weights, lam, spectral_filter)
-    limited = method == "auto" and len(z) <= EXACT_UP_TO
+    limited = method == "auto" and len(z) <= 4000  # 0.1 GiB, some 10 s
     cap = min(max_rank, len(z) // 2) if limited else max_rank
     tolerance = lam * (0.5 * accuracy) ** 2
     factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max(cap, 1))

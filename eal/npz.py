@@ -10,11 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-LEAST = 1 << 29
-"""Bytes that any archive may hold unpacked."""
-TIMES = 100
-"""Times its own size that a larger archive may hold."""
-
 
 @contextmanager
 def opened(path: Path) -> Iterator[Mapping[str, Any]]:
@@ -31,7 +26,7 @@ def opened(path: Path) -> Iterator[Mapping[str, Any]]:
         with zipfile.ZipFile(stream) as archive:
             parts = archive.infolist()
             total = sum(part.file_size for part in parts)
-            if total > max(LEAST, TIMES * size):
+            if total > max(2**29, 100 * size):  # half a GiB, or 100 times its own size
                 raise ValueError(f"it would take {total / 1e9:.3g} GB unpacked, the file has {size / 1e6:.3g} MB")
             for part in parts:
                 with archive.open(part) as member:

@@ -16,9 +16,6 @@ from eal.needs import jax, jnp
 FINEST = 1e-7
 """Share of a segment of the path down to which the end of a branch is bracketed."""
 
-_KICK = 1e-4
-"""How far an unstable equilibrium is pushed off, over the largest rest length."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Snap:
@@ -101,7 +98,7 @@ def _segment(truss: Truss, q0: Array, q1: Array, x: Array, number: int) -> tuple
 
 def _fall(truss: Truss, q: Array, x: Array, p: dict[str, Any], size: float) -> tuple[Array, float]:
     softest = np.asarray(_softest(q, x, p)).reshape(x.shape)
-    pushed = np.stack([x + _KICK * size * softest, x - _KICK * size * softest])
+    pushed = np.stack([x + 1e-4 * size * softest, x - 1e-4 * size * softest])
     ends = equilibria(truss, np.stack([q, q]), pushed)
     best = int(np.argmin(ends.energy_j))
     before = float(truss_energy(jnp.asarray(q), jnp.asarray(x), {k: jnp.asarray(v) for k, v in p.items()}))

@@ -48,8 +48,6 @@ from mocap.schema import Entry, checked
 PathText = str | PathLike[str]
 LEARN = "learn"
 """As a model: one is learned from all trials first."""
-REFRESH_S = 60.0
-"""The summary is written again so often while a batch runs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,7 +344,7 @@ class _State:
             self._tell()
         if seconds is not None:
             self.taken[record.trial] = seconds
-        if not self.shared and monotonic() - self.refreshed_s > REFRESH_S:
+        if not self.shared and monotonic() - self.refreshed_s > 60.0:
             self.sum_up()
 
     def _tell(self) -> None:

@@ -23,10 +23,6 @@ SHORTEST = 8
 """Frames that a camera must be bad for; shorter runs are single digitising errors."""
 EDGE = 8
 """Frames within which a camera goes bad, or good again."""
-MARKERS = 4
-"""Markers that must be seen on both sides of such a change."""
-ENOUGH = 12.0
-"""Redundant errors within a window of five frames without which a level is not judged."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -144,7 +140,7 @@ def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int) -> tupl
         weight = (DOF + 2) / (DOF + distance)
         over = uniform_filter1d(summed(weight * squares * redundant), 5, axis=1, mode="constant") * 5
         under = uniform_filter1d(summed(found.redundancy), 5, axis=1, mode="constant") * 5
-        enough = under >= ENOUGH
+        enough = under >= 12.0  # redundant errors in a window of five frames
         scale = np.asarray(np.sqrt(np.maximum(over, 1e-18) / np.maximum(under, 1e-9)))
         scale = _filled(np.where(enough, scale, np.nan))
         scale = np.maximum(median_filter(scale, size=(1, 9), mode="nearest"), 1e-9)
@@ -202,7 +198,7 @@ def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:
 
     A marker counts while the cameras that see it stay the same (but for one in five): cameras contradict each other by
     place, so that a point moves when one joins.
-    Levels of five frames feel a change two frames ahead: those between are left out. 0 where fewer than ``MARKERS``
+    Levels of five frames feel a change two frames ahead: those between are left out. 0 where fewer than 4
     count on both sides.
     """
     if at < 1:
@@ -216,7 +212,7 @@ def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:
         sides.append(np.where(count >= 2, np.maximum(size, 1e-9), np.nan))
     rise = sides[1] / sides[0]
     rise = rise[np.isfinite(rise)]
-    return float(np.median(rise)) if len(rise) >= MARKERS else 0.0
+    return float(np.median(rise)) if len(rise) >= 4 else 0.0
 
 
 def _others(values: Array) -> Array:

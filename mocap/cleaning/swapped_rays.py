@@ -25,9 +25,6 @@ OUTLIERS = 0.01
 """Share of clicks that land anywhere, in every score below."""
 FAR = 4.0
 """A ray that misses its point by so many deviations is suspected."""
-NEAR = 40.0
-"""Rays of two markers less than so many deviations apart are exchanged and tried, suspected or not."""
-ROUNDS = 6
 
 
 def exchanged_rays(matrices: Array, uv_px: Array, found: Triangulation, *, relative: Array | None = None) -> list[Swap]:
@@ -43,7 +40,7 @@ def exchanged_rays(matrices: Array, uv_px: Array, found: Triangulation, *, relat
     """
     relative = np.ones(uv_px.shape[:3]) if relative is None else relative
     uv, chosen = uv_px, []
-    for _ in range(ROUNDS):
+    for _ in range(6):
         runs = _clearest(_Rays(matrices, uv, found, relative))
         if not runs:
             break
@@ -194,7 +191,8 @@ class _Rays:
         most = 2 * self.detail - np.log(OUTLIERS)
         spoiled = np.minimum(-student_log((np.nan_to_num(apart) / self._scale) ** 2, 2), most)
         either = self.suspect[camera, :, a] | self.suspect[camera, :, b]
-        near = np.nan_to_num(apart, nan=np.inf) < NEAR * self.sd
+        # so near to each other rays are exchanged and tried, suspected or not
+        near = np.nan_to_num(apart, nan=np.inf) < 40.0 * self.sd
         return -spoiled * (seen_a.astype(int) + seen_b), either | near
 
 

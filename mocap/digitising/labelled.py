@@ -21,7 +21,6 @@ from mocap.pipeline.learning import Model, load_model
 from mocap.records import marker_tracks
 
 PathText = str | PathLike[str]
-_RANK = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +97,7 @@ def label(
         raise FormatError(f"{Path(tracks).name}: contains no positions ({contents.format}): give trajectories in space")
     learned: LearnedModel = (model if isinstance(model, Model) else load_model(model)).learned
     trunk = [learned.names.index(name) for name in learned.trunk if name in learned.names]
-    poses = fit_poses(np.concatenate([trial.xyz_m for trial in learned.trials]), trunk, rank=_RANK)
+    poses = fit_poses(np.concatenate([trial.xyz_m for trial in learned.trials]), trunk, rank=12)
     if poses is None:
         raise FormatError("`model`: its trials hold too few poses that show half of the markers: learn it from more")
     found = label_segments(contents.points.xyz_m, poses)

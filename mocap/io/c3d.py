@@ -258,8 +258,6 @@ _MOST_FRAMES = 0xFFFF
 """The head counts with 16 bits: longer recordings state that number or their own without its upper bits."""
 _RESIDUAL_M = 1e-5
 """One count of a residual, of which a byte holds 1 to 255."""
-_GROUP = 255
-"""Labels in one parameter; further ones go to LABELS2, LABELS3, ..."""
 
 
 def read_c3d(path: Path) -> FileContents:
@@ -517,7 +515,7 @@ def write_c3d(path: Path, recording: FileContents) -> None:
     start = int(recording.frames[0]) if count else 1
     first = start if 0 < start <= _MOST_FRAMES + 1 - count else 1
     scale = -_RESIDUAL_M / length_m
-    sections = [names[i : i + _GROUP] for i in range(0, len(names), _GROUP)]
+    sections = [names[i : i + 255] for i in range(0, len(names), 255)]  # labels in one parameter
     blocks = 0
     for _ in range(2):  # the place of the data stands among the parameters, which are as long whatever it is
         section = b"\1\x50" + bytes([blocks % 256, INTEL]) + record(-1, "POINT") + record(-2, "ANALOG")

@@ -220,18 +220,14 @@ def as_cells(texts: Iterable[str]) -> list[str]:
     return [as_cell(text) for text in texts]
 
 
-HELD = 15
-"""Significant decimal digits that a float64 holds whatever the number."""
-
-
 def decimals_of(values: Array, sd: Array, *, least: int) -> int:
     """Decimals that keep two significant digits of the smallest standard deviation, of which 0 and NaN tell nothing.
 
-    At least ``least``, and no more than the greatest number has in ``HELD`` significant digits.
+    At least ``least``, and no more than the greatest number has in 15 significant digits.
     """
     known = sd[np.isfinite(sd) & (sd > 0)]
     wanted = int(np.ceil(-np.log10(known.min()))) + 1 if known.size else least
-    return max(least, min(wanted, decimals_in(values, digits=HELD)))
+    return max(least, min(wanted, decimals_in(values, digits=15)))
 
 
 def decimals_in(values: Array, *, digits: int) -> int:

@@ -80,10 +80,6 @@ def _people(path: Path, frame: Any) -> list[Array]:
     return [person for person in found if len(person) and np.isfinite(person).any()]
 
 
-MOST_BYTES = 1 << 30
-"""Of the poses of all frames in one file: a day of one person's 133 points at 30 Hz in short numbers."""
-
-
 _FRAME: Schema = {"frame_id": Entry(kind="i", least=0, most=MOST_FRAMES)}
 
 
@@ -91,7 +87,8 @@ def _frames(files: Sequence[Path]) -> dict[int, list[Array]]:
     """People by frame number: the last digits of a file's name before its ending, or the list inside one file."""
     out: dict[int, list[Array]] = {}
     for position, file in enumerate(files):
-        table = from_json(regular_bytes(file, most=MOST_BYTES), file.name, finite=False)
+        # a day of one person's 133 points at 30 Hz in short numbers
+        table = from_json(regular_bytes(file, most=2**30), file.name, finite=False)
         if isinstance(table, list) and table and all(isinstance(one, dict) and "image_id" in one for one in table):
             people: dict[str, list[Any]] = {}
             for one in table:

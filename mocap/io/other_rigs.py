@@ -23,8 +23,6 @@ from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
 from mocap.io.format import Format, Head, Hints
 
-SUBPIXELS = 64
-"""QTM counts sensors of its cameras in 64ths of a pixel."""
 _MOST_BYTES = 20_000_000
 
 
@@ -92,7 +90,7 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
             intrinsic.attrib,
             "focalLengthU focalLengthV centerPointU centerPointV sensorMinU sensorMaxU sensorMinV sensorMaxV",
         )
-        unit = SUBPIXELS if umax - umin > 20_000 else 1
+        unit = 64 if umax - umin > 20_000 else 1  # QTM counts sensors in 64ths of a pixel
         size = np.array([umax - umin + (unit > 1), vmax - vmin + (unit > 1)]) / unit
         start = np.zeros(2)
         if (film := section.find("fov_video")) is not None:

@@ -30,10 +30,6 @@ _KEY = re.compile(r"[A-Z]+(_[A-Z]+)+")
 _UNIT_NOTE = re.compile(r"(?:length )?units?[\s:=,;]+[\"'\[(]*([a-z]+)", re.IGNORECASE)
 _SEPARATORS = (";", "\t", "|", ",", " ")
 """Semicolons first: cells between them may hold decimal commas. A blank stands for any number of them."""
-_TAIL = 50
-"""Rows at the end that tell the separator."""
-_MOST_ABOVE = 100
-"""Lines before the first row."""
 _DAY_S = 86_400
 _SHOWN = 3
 """Lines that a sentence quotes."""
@@ -47,11 +43,11 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
     lines = text.replace("\xa0", " ").rstrip("\n\x1a\f ").split("\n")
     comments = {i: found["text"].strip() for i, line in enumerate(lines) if (found := _COMMENT.fullmatch(line))}
     kept = [i for i, line in enumerate(lines) if i not in comments and line.strip(" \f")]
-    separator = _separator([lines[i] for i in kept[-_TAIL:]])
+    separator = _separator([lines[i] for i in kept[-50:]])  # rows at the end tell the separator
     if separator is None:
         return None
     cells = [_cells(lines[i], separator) for i in kept]
-    start = 1 + max((k for k, row in enumerate(cells[:_MOST_ABOVE]) if not _is_row(row)), default=-1)
+    start = 1 + max((k for k, row in enumerate(cells[:100]) if not _is_row(row)), default=-1)
     rows, above = cells[start:], {i: row for i, row in zip(kept[:start], cells, strict=False) if any(row)}
     width = len(rows[0]) if rows else 0
     if len(rows) < 2 or any(len(row) != width for row in rows) or any(map(_all_values, above.values())):

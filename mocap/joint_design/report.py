@@ -18,8 +18,6 @@ from mocap.joint_design.solid import PLATE_MM, assembled, keeps_wall, overlaps
 from mocap.text import plain
 
 DPI = 110
-FINEST_MM = 2e-3
-"""Edges shorter than this are taken out of a mesh."""
 
 
 def write_design(design: JointDesign, folder: Path, *, write_recording: Callable[[JointDesign, Path], None]) -> None:
@@ -61,7 +59,7 @@ def write_design(design: JointDesign, folder: Path, *, write_recording: Callable
 
 def mesh(solid: Manifold) -> trimesh.Trimesh:
     """A solid as a mesh of triangles without edges that single precision, the files' own, could close up."""
-    raw = solid.simplify(FINEST_MM).to_mesh()
+    raw = solid.simplify(2e-3).to_mesh()  # shorter edges are taken out
     return trimesh.Trimesh(np.asarray(raw.vert_properties)[:, :3], np.asarray(raw.tri_verts), process=False)
 
 

@@ -90,7 +90,6 @@ def _distance(start: Array, end: Array, point: Array) -> Array:
 
 
 PLATE_MM = 4.0
-RIM_MM = 6.0
 FOOT_RADIUS_MM = 8.0
 FOOT_MM = 3.0
 COLUMN_MM = 4.0
@@ -164,7 +163,7 @@ def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: 
     columns = _columns(truss, flexures, region_m, printing) if stack.hanging else np.empty((0, 2))
     corners = np.concatenate([truss.fixed_m / MM, region_m / MM, columns])
     rim = CrossSection.hull_points(np.asarray(corners, dtype=np.float64)).offset(
-        RIM_MM + printing.eye_m / MM, JoinType.Round, circular_segments=ROUND
+        6.0 + printing.eye_m / MM, JoinType.Round, circular_segments=ROUND
     )
     base = Manifold.extrude(rim, PLATE_MM) + Manifold.batch_boolean(
         [posts[i] for i in range(len(flexures)) if i not in stack.hanging], OpType.Add

@@ -30,9 +30,6 @@ from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_id
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Measures, Skeleton
 
-LEAST_SD_M = 1e-6
-"""Positions are not known better than that, whatever a file says."""
-
 
 def clean(recording: Recording, *, first: int = 0) -> Recording:
     """The same recording, cleaned: positions with their noise, and a reason for every sample that is not believed.
@@ -223,7 +220,7 @@ def _by_likelihood(film: Recording) -> tuple[LikelihoodNoise | None, NDArray[np.
 def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Recording:
     """Positions, of which the noise is estimated where no covariance states it."""
     names, plane, skeleton = tracks.names, recording.plane, recording.skeleton
-    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
+    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), 1e-6)  # whatever a file says
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     swaps, _ = without_edited(named.swaps, recording.edited)
     xyz, sd = exchange(tracks.xyz_m, swaps), exchange(sd, swaps)

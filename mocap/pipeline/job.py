@@ -56,8 +56,6 @@ Watch = Callable[[Recording, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
 MODELS = ("auto", "mixture", *NAMED)
 """What ``model`` may be called."""
-JOINT_HZ = 30.0
-"""Body frames of joint coordinates follow the trunk up to this frequency."""
 
 
 def existing_model(model: object, names: Sequence[str] = MODELS) -> Path:
@@ -292,7 +290,7 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, recording: Recording
 def whole_frames(recording: Recording) -> BodyFrames:
     """Body frames of every frame of the recording; outside the seen part those of its ends."""
     part = seen_part(recording)
-    inner = trunk_frames(recording, part, cutoff_hz=JOINT_HZ)
+    inner = trunk_frames(recording, part, cutoff_hz=30.0)
     index = np.clip(np.arange(len(recording.t_s)) - part.frames.start, 0, len(inner.rotation) - 1)
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 

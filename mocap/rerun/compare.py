@@ -22,7 +22,6 @@ from mocap.rerun.stored import Stored, read_recording, recording_file
 APPLICATION = "mocap-compare"
 COLORS = (palette.SKY_BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE)
 """Of the runs, where they are shown together."""
-_TILES = 2
 
 
 Difference = tuple[tuple[str, ...], Array]
@@ -128,7 +127,7 @@ def compare_blueprint(runs: Sequence[Stored], differences: Sequence[Difference])
     ]
     lines = series_view(paths.APART, f"Distance from {runs[0].name}, rms of all markers (mm)")
     # the first cameras that all runs have, a row a camera
-    common = [c for c in runs[0].below(paths.CAMERAS) if all(c in run.below(paths.CAMERAS) for run in runs)][:_TILES]
+    common = [c for c in runs[0].below(paths.CAMERAS) if all(c in run.below(paths.CAMERAS) for run in runs)][:2]
     rows = []
     for camera in common:
         tiles = []

@@ -18,7 +18,6 @@ ELLIPSE_SD = 2.0
 """Half axes of the ellipse of the state, in standard deviations."""
 REACH = 0.35
 """Length of the strongest pulls (99 %), over the radius of the scene."""
-_POINTS = 33
 
 
 def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
@@ -80,7 +79,7 @@ def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
 
 def ellipses(limb: HeldLimb) -> Array:
     """(T, P, 2) outlines of ``ELLIPSE_SD`` standard deviations round the state; NaN where it is not known."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _POINTS)
+    angle = np.linspace(0.0, 2.0 * np.pi, 33)
     circle = ELLIPSE_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     known = np.asarray(np.isfinite(limb.cov).all(axis=(1, 2)))
     value, vectors = np.linalg.eigh(np.where(known[:, None, None], limb.cov, np.eye(2)))

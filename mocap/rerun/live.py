@@ -32,15 +32,9 @@ from mocap.sides import side_of
 from mocap.skeleton import Skeleton
 
 LIVE = "mocap-live"
-LAG, EVERY = 8, 8
-"""Frames of hindsight that a frame is shown with, and so many come at once: two smoothing steps a frame."""
 WAITING = 256
 """Frames that wait for the viewer at most; what comes while so many wait is dropped."""
-_PAUSE_S = 0.05
-_TRAIL = 40
 _PATIENCE_S = 5.0
-_VAGUE = 0.2
-"""Share of the scene's radius above which an ellipsoid would hide all else, and is not drawn."""
 
 
 class LiveView:
@@ -121,7 +115,7 @@ class LiveView:
             except (RuntimeError, ValueError, OSError) as error:
                 self.trouble = str(error)
             if not last:
-                time.sleep(_PAUSE_S)
+                time.sleep(0.05)
         self._rec.disconnect()
 
     def _send(self, frames: list[LiveEstimate]) -> None:
@@ -140,7 +134,8 @@ class LiveView:
                 paths.child(paths.MARKERS, name), indexes=index, columns=columns.partition(mask.sum(axis=1))
             )
         cov = np.stack([f.cov_m2 for f in frames])
-        known = ~seen & (np.trace(cov, axis1=-2, axis2=-1) < (_VAGUE * scene.radius_m) ** 2)
+        # a larger ellipsoid would hide all else
+        known = ~seen & (np.trace(cov, axis1=-2, axis2=-1) < (0.2 * scene.radius_m) ** 2)
         half_sizes, quaternions = ellipsoids(cov[known] * np.outer(scene.signs, scene.signs))
         columns = rr.Ellipsoids3D.columns(
             centers=xyz[known], half_sizes=single(half_sizes), quaternions=single(quaternions)
@@ -168,7 +163,7 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
         contents=["$origin/**"],
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=look,
-        trail=(paths.TRAILS, _TRAIL),
+        trail=(paths.TRAILS, 40),
     )
     lines = [
         series_view(paths.NIS, "Squared prediction error over its expected value (NIS, expected 1)", legend=False),
@@ -199,7 +194,8 @@ class Session:
         names = [prepared.names[int(m)] for m in part.markers]
         observations = prepared.observations(part.frames, part.markers)
         with LiveView(rec, scene, names=names, skeleton=prepared.skeleton, first=part.frames.start) as view:
-            for estimate in live(model, looks(observations, prepared.t_s[part.frames]), lag=LAG, every=EVERY):
+            # eight frames of hindsight, eight at once: two smoothing steps a frame
+            for estimate in live(model, looks(observations, prepared.t_s[part.frames]), lag=8, every=8):
                 view.show(estimate)
         dropped = f", {view.dropped} dropped because the viewer was slower" if view.dropped else ""
         trouble = f"; the stream ended early: {view.trouble}" if view.trouble else ""

@@ -75,7 +75,6 @@ def grid_spacing_m(radius_m: float) -> float:
 ELLIPSOID_SD = 2.0
 """Half axes of the ellipsoids, in standard deviations."""
 
-_LABELLED_MARKERS = 12
 _RADII = {"measured": 3.5, "filled": 5.0, "rejected": 6.0}
 _FILL_ALPHA = {"measured": 70, "filled": 90, "rejected": 90}
 
@@ -96,7 +95,7 @@ def log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
         radii=ui(1.5),
         class_ids=BODY_CLASS,
         keypoint_ids=np.arange(n_markers),
-        show_labels=n_markers <= _LABELLED_MARKERS,
+        show_labels=n_markers <= 12,
     )
     rec.log(paths.SKELETON, body, static=True)
     for name in paths.ORIGINS:

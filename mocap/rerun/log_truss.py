@@ -18,8 +18,6 @@ from mocap.rerun.series import log_line
 
 APPLICATION = "mocap"
 V, U, TRUSS, ENERGY = "/potential", "/energy", "/truss", "/along"
-_HEIGHT = 0.6
-"""How high a value of 1 is drawn, over the grid's width."""
 _MOVING = rr.Points3D.from_fields(colors=palette.VERMILLION, radii=ui(7.0))
 
 
@@ -78,7 +76,7 @@ def _log_surface(rec: rr.RecordingStream, path: str, design: JointDesign, value:
     """A value in 0..1 over the grid, samples at its foot, and the moving point on it."""
     unit = _millimetres(design)
     x, y = (axis * unit for axis in design.target.axes)
-    height = _HEIGHT * float(np.ptp(x))
+    height = 0.6 * float(np.ptp(x))
     rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     log_surface(rec, f"{path}/surface", x, y, value.reshape(design.target.shape).T, height)
     samples = design.source.potential.samples * unit

@@ -131,10 +131,6 @@ def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array
     return np.zeros((1, 1)), "not stated"
 
 
-LONGEST_PX = 1280
-"""Longer side of a film that is coded anew; larger ones are scaled down."""
-_SMALLEST_PX = 64
-_KEYFRAME_EVERY = 30
 _CODER = {"preset": "11", "crf": "34", "svtav1-params": "pred-struct=1:lp=1:rtc=1"}
 
 
@@ -172,9 +168,9 @@ def log_video(rec: rr.RecordingStream, view: ViewCamera, camera: Camera, footage
 
 
 def coded_size(size_px: tuple[int, int]) -> tuple[int, int]:
-    """Width and height, even and at most ``LONGEST_PX``, in which a movie is coded."""
-    shrink = min(1.0, LONGEST_PX / max(size_px))
-    width, height = (max(2 * round(shrink * n / 2), _SMALLEST_PX) for n in size_px)
+    """Width and height, even and at most 1280, in which a movie is coded."""
+    shrink = min(1.0, 1280 / max(size_px))
+    width, height = (max(2 * round(shrink * n / 2), 64) for n in size_px)
     return width, height
 
 
@@ -185,7 +181,7 @@ def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Itera
     coder.width, coder.height = size_px
     coder.pix_fmt = "yuv420p"
     coder.time_base, coder.framerate = Fraction(1, 30), Fraction(30, 1)
-    coder.gop_size, coder.max_b_frames, coder.options = _KEYFRAME_EVERY, 0, _CODER
+    coder.gop_size, coder.max_b_frames, coder.options = 30, 0, _CODER
     for number, picture in enumerate(pictures):
         picture.pts, picture.time_base = number, coder.time_base
         picture.pict_type = 0  # the coder chooses

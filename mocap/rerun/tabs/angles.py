@@ -21,8 +21,6 @@ from mocap.sides import by_side, side_of, words
 SECTIONS = {"wing_beat": ("down", "up"), "stride": ("stance", "swing")}
 """What the first and the second part of a cycle are called."""
 BODY = ("body_speed_m_s", "body_yaw_deg", "body_pitch_deg", "body_roll_deg")
-_COLUMN = 5
-"""More plots take two columns."""
 
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
@@ -80,7 +78,7 @@ def _plots(group: str, quantities: Sequence[Quantity]) -> rrb.Container:
         )
         for q in quantities
     ]
-    return rows(views, columns=1 if len(views) <= _COLUMN else 2, name=group.capitalize())
+    return rows(views, columns=1 if len(views) <= 5 else 2, name=group.capitalize())
 
 
 def title(q: Quantity) -> str:

@@ -21,8 +21,6 @@ _ERRORS = (
     (paths.INNOVATION, paths.INNOVATION_MAP, "By how far the next frame was missed (innovation, rms)"),
     (paths.RESIDUAL, paths.RESIDUAL_MAP, "How far the result is from the clicks (residual, rms)"),
 )
-_LINES = 4
-"""More cameras are rows of a map."""
 
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
@@ -58,7 +56,7 @@ def tab(layout: Layout) -> rrb.Container:
         )
     ]
     for (lines, rows_, what), values in zip(_ERRORS, layout.errors_px, strict=True) if run.cameras else ():
-        if len(run.cameras) <= _LINES:
+        if len(run.cameras) <= 4:  # more cameras are rows of a map
             views.append(series_view(lines, f"{what}, each camera (px)", y_range=robust_range(values)))
         else:
             scale = f"dark 0 to yellow {usual_limit(values):.3g} px"

@@ -20,8 +20,6 @@ from mocap.sides import by_side, words
 COORDINATES = ("q1", "q2", "q3")
 _DECADES = 8
 """Decades of eigenvalues that are drawn."""
-_TABS = 6
-"""More joints are grouped by side."""
 OUTSIDE = "outside its usual range"
 """Said at the ball where it is on no low place of the potential."""
 CHART_SIZE = (160.0, 100.0)
@@ -54,7 +52,7 @@ def tab(layout: Layout) -> rrb.Container | None:
         return None
     sides = by_side(layout.landscapes)
     parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
-    if len(sides) > 1 and len(parts) > _TABS:
+    if len(sides) > 1 and len(parts) > 6:  # more are grouped by side
         parts = [
             rrb.Tabs(*(joint(layout, name) for name in names), active_tab=0, name=side.capitalize())
             for side, names in sides.items()

@@ -18,8 +18,6 @@ from mocap.rerun.log_markers import (
 )
 from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
 
-_TILES = 4
-
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """World, markers with their uncertainty and trails, and the map of gaps."""
@@ -37,7 +35,7 @@ def tab(layout: Layout) -> rrb.Container:
     """The scene, the cameras that saw most, and who was seen when."""
     right: list[rrb.Container | rrb.View] = []
     if layout.bounds_px:
-        names = list(layout.bounds_px)[:_TILES]
+        names = list(layout.bounds_px)[:4]
         tiles = [camera_view(layout, name) for name in sorted(names, key=camera_order(layout).index)]
         right.append(rows(tiles, columns=2))
     right.append(gap_map_view())

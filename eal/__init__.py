@@ -1,4 +1,8 @@
-"""Empirical-analytical Lagrangian models: potentials learned from samples, and mechanics (of eal-mocap)."""
+"""Empirical-analytical Lagrangian models: potentials learned from samples, and mechanics (of eal-mocap).
+
+Samples of configurations come in, as arrays. Potentials, Lagrangians, trajectories and the paper's bounds go out. It
+touches a file only where a potential is saved or loaded.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,7 @@
-"""Tracking: cameras and a motion model in, motion with covariance out (of eal-mocap).
+"""Tracking: what cameras see, and how animals move (of eal-mocap).
+
+Pixels or positions come in, as arrays, and trials to learn from. Positions, velocities and joint angles go out, with
+their covariances. It touches no file.
 
 ``UnscentedKalmanFilter`` takes a person's own model, under filterpy's names.
 """

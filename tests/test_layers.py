@@ -1,6 +1,7 @@
 """Who may import whom."""
 
 import ast
+import re
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -229,6 +230,18 @@ def test_every_package_is_in_the_table():
     packages = {p.parent.name for p in ROOT.glob("*/__init__.py")}
     packages |= {f"mocap/{p.parent.name}" for p in ROOT.glob("mocap/*/__init__.py")}
     assert packages - set(OUTSIDE) == set(ALLOWED)
+
+
+@pytest.mark.parametrize("package", sorted(ALLOWED.keys() - {"mocap"}))
+def test_every_package_says_what_it_takes_gives_and_touches(package):
+    """And where it says that it touches no file, nothing of it opens or writes one."""
+    text = ast.get_docstring(ast.parse((ROOT / package / "__init__.py").read_text(encoding="utf-8")))
+    for said in (r"\bcomes?\s+in\b", r"\bgo(es)?\s+out\b", r"\bIt\s+touches\b"):
+        assert re.search(said, text), said
+    if re.search(r"touches\s+no\s+file", text):
+        for path in (ROOT / package).rglob("*.py"):
+            used = re.search(r"\bopen\(|\.(write|read)_(text|bytes)\(|import (os|shutil|tempfile)\b", path.read_text())
+            assert used is None, f"{path}: {used}"
 
 
 @pytest.mark.parametrize(

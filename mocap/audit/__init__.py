@@ -1,4 +1,8 @@
-"""Audit: whether pixels, cameras and stored points agree, and faults that programs leave in files."""
+"""Audit: whether pixels, cameras and stored points agree, and faults that programs leave in files.
+
+Pixels with their cameras, or positions, come in; files only where ``inspect`` tells of them one by one. Findings and
+camera offsets go out: nothing is corrected here. It touches no file but those to be inspected.
+"""
 
 from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.geometry import fit_findings

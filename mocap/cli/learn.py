@@ -34,8 +34,9 @@ def learn(
 ) -> None:
     """Learn a motion model from several recordings that share cameras and skeleton, to track others with.
 
-    Example: mocap learn trial1.csv trial2.csv --skeleton bat.toml --out bat.npz, then: mocap track trial3.csv --model
-    bat.npz ...
+    Example: mocap learn trial1.csv trial2.csv --skeleton bat.toml --out bat.npz
+
+    Then: mocap track trial3.csv --model bat.npz --skeleton bat.toml --out out/trial3
     """
     import mocap
     from mocap.io.output import result_file

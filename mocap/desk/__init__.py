@@ -1,4 +1,6 @@
-"""The desk: trials of a folder go in, tracked and proof-read ones come out, all on one page of this computer.
+"""The desk: trials are tracked and proof-read on one page of this computer.
+
+Folders of trials come in. Results, edits and exports go out. It touches the folders that its user names.
 
 What it does are calls of the library, each shown with the command that does the same. Nothing imports this room but the
 command line. The page is one of ours (``mocap.web``) and not a toolkit's: those bring a socket server of their own,

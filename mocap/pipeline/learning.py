@@ -1,5 +1,6 @@
 """Learn a model from several recordings of the same kind of animal."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
@@ -105,8 +106,19 @@ def learn(
     """
     if isinstance(recordings, str | PathLike | Recording):
         raise MocapError(f"mocap.learn takes a list of recordings, not {type(recordings).__name__}: mocap.learn([...])")
-    recordings = [as_recording(recording, "learn") for recording in recordings]
+    recordings = _told_apart([as_recording(recording, "learn") for recording in recordings])
     return Model(learn_from(recordings, seed=seed, models=WITH_JOINTS if joints else MODELS, tell=progress))
+
+
+def _told_apart(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings; of several that bear one name each has its folder before it."""
+    count = Counter(one.name for one in recordings)
+    return [
+        one
+        if count[one.name] == 1 or one.file is None
+        else replace(one, name=f"{one.file.absolute().parent.name}/{one.name}")
+        for one in recordings
+    ]
 
 
 def load_model(path: str | PathLike[str]) -> Model:
@@ -262,16 +274,17 @@ def readable_scores(learned: LearnedModel) -> str:
         f"# A model of {len(learned.trials)} recordings",
         "",
         f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Root mean square errors in mm in "
-        "gaps that were hidden, of the mixture as the other gaps teach it (in brackets the share inside 95 % "
-        "intervals, and z, the root mean square of error over stated deviation: 1 is right):",
+        "gaps that were hidden, of the mixture as the other gaps teach it. Inside: the share of its errors in their "
+        "95 % intervals; z: the root mean square of error over stated deviation, 1 is right.",
         "",
-        "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
+        "| gaps of | " + " | ".join(f"{n} frames" for n in lengths) + " |",
         "|---" * (len(lengths) + 1) + "|",
     ]
-    for name, rows in learned.scores.items():
-        columns = zip(rows["rmse_mm"], rows["coverage95"], rows["z"], strict=True)
-        cells = [f"{e:.3g} ({c:.0f} %, z {z:.2f})" for e, c, z in columns]
-        lines.append(f"| {plain(name)} | " + " | ".join(cells) + " |")
+    rows = {name: [f"{error:.3g}" for error in found["rmse_mm"]] for name, found in learned.scores.items()}
+    mixture = list(learned.scores.values())[-1]
+    rows["inside"] = [f"{share:.0f} %" for share in mixture["coverage95"]]
+    rows["z"] = [f"{z:.2f}" for z in mixture["z"]]
+    lines += [f"| {plain(name)} | {' | '.join(cells)} |" for name, cells in rows.items()]
     bones = own_trials(learned).bones
     if len(bones.ends):
         lines += [

@@ -4,6 +4,7 @@ import json
 import sys
 import weakref
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -22,8 +23,9 @@ from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST
 from mocap.pipeline import learning
+from mocap.pipeline.arrays import from_arrays
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.learning import readable_scores
+from mocap.pipeline.learning import _told_apart, readable_scores
 from mocap.pipeline.model_file import load_model, save_model
 from mocap.pipeline.reading import read
 from mocap.pipeline.recording import of_points
@@ -180,7 +182,7 @@ def test_validation_measures_the_learned_model_too(mocap, flights, model, tmp_pa
 
 @pytest.mark.quick
 def test_what_was_learned_is_told(model):
-    """Errors by length of gap, a row for each model and the mixture; bones found without a skeleton: of the file."""
+    """Errors by length of gap, a row for each model and the mixture, whose intervals have two; bones of the file."""
     learned = load_model(model)
     text, _, bones = readable_scores(learned).partition("Distances that models with bones keep")
     with np.load(model) as file:
@@ -188,11 +190,21 @@ def test_what_was_learned_is_told(model):
         assert f"| shoulder_l, elbow_l | {1e3 * file['bone_length_m'][arm]:.4g} | " in bones
     assert "6 markers, 240 frames a second" in text
     rows = [line for line in text.splitlines() if line.startswith("| ")]
-    assert len(rows) == 1 + len(learned.scores)
-    assert rows[-1].startswith("| mixture | ")
+    assert len(rows) == 1 + len(learned.scores) + 2
     scores = learned.scores["mixture"]
-    assert f"{scores['rmse_mm'][0]:.3g} ({scores['coverage95'][0]:.0f} %, z {scores['z'][0]:.2f})" in rows[-1]
+    assert rows[-3].startswith(f"| mixture | {scores['rmse_mm'][0]:.3g} | ")
+    assert rows[-2].startswith(f"| inside | {scores['coverage95'][0]:.0f} % | ")
+    assert rows[-1].startswith(f"| z | {scores['z'][0]:.2f} | ")
     assert all(f"{n} frames" in rows[0] for n in scores["gap_frames"])
+
+
+@pytest.mark.quick
+def test_recordings_of_one_name_are_told_apart():
+    """By their folders, as trials of a season often have the name of the camera alone."""
+    one = from_arrays(np.zeros((3, 2, 3)), names=["a", "b"], fps=100, unit="m")
+    named = [("bat", Path("monday/bat.csv")), ("bat", Path("tuesday/bat.csv")), ("cat", Path("cat.csv")), ("bat", None)]
+    told = _told_apart([replace(one, name=name, file=file) for name, file in named])
+    assert [one.name for one in told] == ["monday/bat", "tuesday/bat", "cat", "bat"]
 
 
 def test_json_is_one_object_and_a_seed_the_same_model(mocap, flights, tmp_path):

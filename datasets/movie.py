@@ -13,8 +13,8 @@ from mocap.datasets.disturbances import CLEAN, Disturbances, Spoiler
 from mocap.datasets.film import outside, view
 from mocap.datasets.linkage import unit
 from mocap.datasets.occlusion import Solid
+from mocap.datasets.recording import Motion, Scene
 from mocap.datasets.rig import picture_size
-from mocap.datasets.scene import Motion, Scene
 from numpy.typing import NDArray
 
 from eal.arrays import Array

@@ -4,7 +4,7 @@
 left out costs one eigenproblem, for all lambda.
 """
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,9 +93,20 @@ def choose(
             sd2 = max(float(np.median(np.linalg.eigvalsh(matrix @ noise @ matrix.T)[:, -1])), 1e-300)
             # at 1 a sample's noise hides what it says of V (``deconvolved``)
             most = int(np.clip(np.floor(np.log2(0.5 / (4.0 * usual.beta * sd2))), -most, most))
-        found = _climb(
-            lambda power, y=y, usual=usual: _held_out(y, fold, usual.beta * 2.0**power, LAMBDAS), start, most
-        )
+
+        def score(power: int, y: Array = y, usual: GaussianKernel = usual) -> Array:
+            return _held_out(y, fold, usual.beta * 2.0**power, LAMBDAS)
+
+        at = min(start, most)
+        found = {at: score(at)}
+        for step in (1, -1):
+            while -FARTHEST <= at + step <= most:
+                found[at + step] = score(at + step)
+                if found[at + step].max() <= found[at].max():
+                    break
+                at += step
+            if len(found) > 2:
+                break
         start = max(found, key=lambda power: found[power].max())  # another metric begins there
         kernel = GaussianKernel(usual.beta * 2.0**start)
         lam = LAMBDAS[int(np.argmax(found[start]))]
@@ -109,21 +120,6 @@ def choose(
         weight=_weight(z @ matrix.T, fold, kernel.beta, lam),
         log_likelihood=likelihood,
     )
-
-
-def _climb(score: Callable[[int], Array], start: int, most: int) -> dict[int, Array]:
-    """Scores from a start, or the most if it is less, upwards as long as the best of each rises, else downwards."""
-    at = min(start, most)
-    found = {at: score(at)}
-    for step in (1, -1):
-        while -FARTHEST <= at + step <= most:
-            found[at + step] = score(at + step)
-            if found[at + step].max() <= found[at].max():
-                break
-            at += step
-        if len(found) > 2:
-            break
-    return found
 
 
 def _metrics(z: Array, noise: Array | None) -> Iterator[tuple[str, Array]]:

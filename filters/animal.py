@@ -10,9 +10,8 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial.transform import Rotation
 
 from eal import EmpiricalPotential, bounds
-from eal.arrays import Array
+from eal.arrays import Array, skew
 from eal.integrators import IntegrationError
-from eal.vectors import skew
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import cross, skew
+from eal.arrays import Array, cross, skew
 
 _NEAR = 1e-2
 """Squared angle below which series stand for quotients that lose digits."""

@@ -8,11 +8,10 @@ import numpy as np
 from eal.arrays import Array
 from eal.joint_design.ground import candidates, fixed_nodes, sparse, with_members
 from eal.joint_design.laws import DesignError, Law, Mask, energy_and_slope
-from eal.joint_design.limits import Limits, broken
 from eal.joint_design.measures import measure, overlap
 from eal.joint_design.path import over_grid
 from eal.joint_design.refine import refine
-from eal.joint_design.target import Target
+from eal.joint_design.target import Limits, Target, broken
 from eal.joint_design.truss import Truss
 from eal.threads import one_blas_thread
 

@@ -10,10 +10,9 @@ from scipy.optimize import least_squares
 from eal.arrays import Array
 from eal.joint_design.equilibrium import descend
 from eal.joint_design.laws import pulls, pushes
-from eal.joint_design.limits import Limits
-from eal.joint_design.target import Target
+from eal.joint_design.target import Limits, Target
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
-from eal.optional_jax import jax, jnp
+from eal.needs import jax, jnp
 
 
 def refine(
@@ -161,7 +160,7 @@ def _compiled(shape: tuple[int, int, int]) -> tuple[Any, Any, Any]:
         return jnp.concatenate([points, held, data["limits"]["prestress"] * root[None]])
 
     def excess(lengths: Any, p: dict[str, Any], data: Any) -> Any:
-        """What ``eal.joint_design.limits.broken`` says, for all members and nodes that are real."""
+        """What ``eal.joint_design.target.broken`` says, for all members and nodes that are real."""
         limits, real = data["limits"], data["real"]
         least, most = lengths.min(axis=0), lengths.max(axis=0)
         members = [

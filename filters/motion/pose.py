@@ -18,8 +18,7 @@ from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import skew
+from eal.arrays import Array, skew
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

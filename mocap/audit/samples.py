@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.findings import MOST, Finding
@@ -87,7 +86,17 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
     markers = float(np.count_nonzero(both, axis=1)[repeats].mean())
     if alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5):
         return []  # markers stand still one by one, so that all of them may by chance
-    at = np.flatnonzero(repeats & _in_motion(values, repeats)) + 1
+    length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
+    known = np.isfinite(length)
+    step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
+    # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
+    moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
+    out = np.zeros(len(repeats), dtype=bool)
+    for start, stop in edges.reshape(-1, 2):
+        out[start:stop] = moves[max(0, start - BESIDE) : start].any() and moves[stop : stop + BESIDE].any()
+    at = np.flatnonzero(repeats & out) + 1
     if not len(at):
         return []
     whose = "" if camera is None else f" of camera {camera!r}"
@@ -99,29 +108,9 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
             "recorded moves before and after: the recording stalled, or frames were stored twice",
             numbers={"frames": len(at), "share": len(at) / len(values)},
             cameras=() if camera is None else (camera,),
-            frames=_first(at),
+            frames=tuple(int(f) + 1 for f in sorted(set(map(int, at)))[:MOST]),
         )
     ]
-
-
-def _in_motion(values: Array, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(T - 1,) steps of runs with steps of usual length on both sides: what comes to rest and lies still is no fault.
-
-    Args:
-        values: (T, M, d) tracks.
-        repeats: (T - 1,) steps of length 0.
-    """
-    length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
-    known = np.isfinite(length)
-    step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
-    usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
-    # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
-    moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
-    out = np.zeros(len(repeats), dtype=bool)
-    for start, stop in edges.reshape(-1, 2):
-        out[start:stop] = moves[max(0, start - BESIDE) : start].any() and moves[stop : stop + BESIDE].any()
-    return out
 
 
 def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
@@ -178,10 +167,6 @@ def sizes(xyz_m: Array) -> list[Finding]:
             numbers={"size_m": size},
         )
     ]
-
-
-def _first(frames: Sequence[int] | NDArray) -> tuple[int, ...]:
-    return tuple(int(f) + 1 for f in sorted(set(map(int, frames)))[:MOST])
 
 
 FAST = 1.5

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from eal.arrays import Array
-from mocap.calibration.distinct import SAME, distinct
+from mocap.calibration.scene import SAME, distinct
 from mocap.cameras.camera import FLATTEST, PARALLEL, Camera, project
 from mocap.errors import CalibrationError
 

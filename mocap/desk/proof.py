@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
-from mocap.desk.overlays import drawn, ellipses, epipolar_lines, listed
-from mocap.desk.pictures import Pictures, pictures_of
+from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
 from mocap.errors import MocapError
 from mocap.pipeline.by_hand import errors_left, straightened, with_hand
 from mocap.pipeline.cleaning import clean

@@ -185,7 +185,6 @@ class Engine:
         return out
 
     def _sort_clicks(self) -> None:
-        """Clicks by their frames, in their order."""
         self.by_frame: dict[int, list[Click]] = {}
         for click in self.clicks:
             self.by_frame.setdefault(click.frame, []).append(click)
@@ -482,7 +481,14 @@ class Engine:
         named, state = self._observed(frame, ahead)
         self._take(frame, named)
         self.tracks.density[frame] = self.density
-        self._adapt(named)
+        # follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found
+        known = np.isfinite(named.surprise)
+        ratio = np.clip(named.surprise[known], 0.0, 30.0)
+        self.density[known] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
+        self.density[named.rays == 0] *= 1.3
+        self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
+        floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
+        self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
         self.observer.measure_bones(named)
         if self.own_poses and frame + 1 in _LEARN_AT:
             self.learn_poses(frame + 1)
@@ -502,16 +508,6 @@ class Engine:
         spread = self.observer.length_m * np.repeat([0.25, 0.05, 0.02], 3)
         cov[lost] = np.diag(spread**2)
         return State(x, cov)
-
-    def _adapt(self, named: Named) -> None:
-        """Follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found."""
-        known = np.isfinite(named.surprise)
-        ratio = np.clip(named.surprise[known], 0.0, 30.0)
-        self.density[known] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
-        self.density[named.rays == 0] *= 1.3
-        self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
-        floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
-        self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
 
     def _limit_density(self) -> None:
         """Limit the density of the jerk by what the named positions show: a marker that was lost leaves no trace."""

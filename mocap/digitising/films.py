@@ -240,7 +240,6 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
 
 
 def _misfit(cameras: Sequence[Camera], uv_px: Array) -> float:
-    """Median residual in pixels of points that two or more cameras see."""
     ideal, matrices = undistorted(cameras, uv_px), stacked(cameras)
     xyz_m = triangulate.linear(matrices, ideal)
     residual = triangulate.residual_px(matrices, ideal, xyz_m)

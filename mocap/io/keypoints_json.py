@@ -20,8 +20,7 @@ from mocap.documents import from_json, one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import MOST_FRAMES, image_numbers
 from mocap.schema import Entry, Schema, checked
 
@@ -138,7 +137,6 @@ def _followed(frames: dict[int, list[Array]]) -> tuple[dict[int, Array], int]:
 
 
 def _content(path: Path) -> str:
-    """What a folder without poses holds, in words."""
     inside = sorted(p.name for p in path.iterdir())
     if not inside:
         return " with nothing in it"
@@ -262,7 +260,6 @@ def _read_coco(path: Path, _hints: Hints) -> FileContents:
 
 
 def _image_frames(images: dict[Any, PurePosixPath]) -> dict[Any, int]:
-    """The number of each image's frame."""
     by_folder: dict[PurePosixPath, list[Any]] = defaultdict(list)
     for image, name in images.items():
         by_folder[name.parent].append(image)

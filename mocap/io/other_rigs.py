@@ -21,14 +21,12 @@ from mocap.documents import decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 
 _MOST_BYTES = 20_000_000
 
 
 def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str) -> list[float]:
-    """Attributes of an element as numbers."""
     out = []
     for name in names.split():
         try:
@@ -179,7 +177,6 @@ def _nearest_brown(matrix: Array, size: Array, radial: Array) -> Array:
 
 
 def _matrices(path: Path) -> dict[str, Array]:
-    """The matrices of an OpenCV YAML file, by name."""
     text = path.read_text(encoding="utf-8", errors="replace")
     found = {}
     pattern = r"(?ms)^\s*(\w+): *!!opencv-matrix\s+rows: *(\d+)\s+cols: *(\d+)\s+dt: *\w+\s+data: *\[([^\]]*)\]"

@@ -209,7 +209,6 @@ def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
 
 
 def _check_size(recording: FileContents, which: str, values: Array, most: float, unit: str) -> None:
-    """(T, M, ...) values are not larger than that."""
     if not values.size or not max(-np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)) > most:
         return
     row, marker, axis = np.argwhere(np.abs(values) > most)[0]

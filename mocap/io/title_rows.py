@@ -188,7 +188,21 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
     """
     known = [cell for cell in column if cell not in MISSING_WORDS]
     if known and all(map(_CLOCK.fullmatch, known)):
-        return _seconds(column), f"clock times of the column {title!r} were read as seconds, {known[0]} as the first"
+        # clock times as seconds from the midnight before the first; a clock without a date goes on after midnight
+        found, day, last = [], 0, Decimal(0)
+        dates = [date.fromisoformat(match[1]) for cell in column if (match := _CLOCK.fullmatch(cell)) and match[1]]
+        for cell in column:
+            if (match := _CLOCK.fullmatch(cell)) is None:
+                found.append("")
+                continue
+            time = 3600 * int(match[2] or 0) + 60 * int(match[3]) + Decimal(match[4].replace(",", "."))
+            if match[1]:
+                day = (date.fromisoformat(match[1]) - dates[0]).days
+            elif last - time > _DAY_S // 2:
+                day += 1
+            last = time
+            found.append(str(_DAY_S * day + time))
+        return found, f"clock times of the column {title!r} were read as seconds, {known[0]} as the first"
     numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in known)
     if known and not numbers and not re.search(r"\d:\d", known[0]):  # no clock of another kind
         return [""] * len(column), f"the column {title!r} holds words ({known[0][:20]!r}, ...) and was left out"
@@ -201,26 +215,7 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
     return [cell.replace(",", ".") for cell in column], said
 
 
-def _seconds(column: Sequence[str]) -> Cells:
-    """Clock times as seconds from the midnight before the first; a clock without a date goes on after midnight."""
-    found, day, last = [], 0, Decimal(0)
-    dates = [date.fromisoformat(match[1]) for cell in column if (match := _CLOCK.fullmatch(cell)) and match[1]]
-    for cell in column:
-        if (match := _CLOCK.fullmatch(cell)) is None:
-            found.append("")
-            continue
-        time = 3600 * int(match[2] or 0) + 60 * int(match[3]) + Decimal(match[4].replace(",", "."))
-        if match[1]:
-            day = (date.fromisoformat(match[1]) - dates[0]).days
-        elif last - time > _DAY_S // 2:
-            day += 1
-        last = time
-        found.append(str(_DAY_S * day + time))
-    return found
-
-
 def _left_out(lines: Sequence[str], notes: Sequence[int]) -> list[str]:
-    """A sentence on the lines that are neither titles nor numbers."""
     if not notes:
         return []
     shown = "; ".join(f"{i + 1}: {lines[i].strip(' ,;|')[:60]!r}" for i in notes[:_SHOWN])

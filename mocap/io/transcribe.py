@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 from mocap.documents import check_regular, decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
-from mocap.io.head import LENGTH, Head
+from mocap.io.format import LENGTH, Head
 from mocap.io.lines import FRAMES, MISSING_WORDS, one_kind
 from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text
@@ -230,7 +230,6 @@ def _tabs(path: Path, text: str, known: Knows) -> tuple[str, tuple[str, ...]]:
 
 
 def _decimal_comma(text: str, separator: str) -> re.Match[str] | None:
-    """The first number with a decimal comma."""
     return _cell(_WITH_COMMA, separator).search(text) if "," in text else None
 
 
@@ -263,7 +262,6 @@ def _with_commas(path: Path, text: str, separator: str) -> str:
 
 
 def _empty(line: str) -> bool:
-    """Whether a line holds nothing but commas."""
     return "," in line and not line.strip(", \t")
 
 
@@ -290,5 +288,4 @@ def _trimmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _surplus(line: str) -> int:
-    """How many empty cells a line ends with."""
     return line[len(line.rstrip(", \t")) :].count(",")

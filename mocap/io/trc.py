@@ -9,8 +9,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of, table_recording
 from mocap.io.csv_table import as_cell, from_cell
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers, number, numbers, read_lines
 from mocap.io.optical import metres, rate_of_times, told_apart, unit_of
 

@@ -45,7 +45,10 @@ def stacked(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing
     Raises:
         MakeError: three or more members sweep over each other's posts.
     """
-    sweeps = _sweeps(truss, flexures, region_m, printing)
+    # pairs (i, j): member i comes over the place of member j's post
+    posts = truss.fixed_m[truss.ends[:, 0]]
+    near = clearance(truss, flexures, region_m, printing, posts) < printing.eye_m + PLAY_M
+    sweeps = {(i, j) for i, j in np.argwhere(near).tolist() if i != j}
     m = len(flexures)
     mutual = [(i, j) for i, j in sweeps if i < j and (j, i) in sweeps]
     needed = {k for pair in mutual for k in pair}
@@ -62,13 +65,6 @@ def stacked(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing
         f"members {names} sweep over each other's posts: they cannot be stacked; narrow them with a smaller "
         "`width_mm`, ask for fewer `members`, or take another `seed`"
     )
-
-
-def _sweeps(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> set[tuple[int, int]]:
-    """Pairs (i, j): member i comes over the place of member j's post."""
-    posts = truss.fixed_m[truss.ends[:, 0]]
-    near = clearance(truss, flexures, region_m, printing, posts) < printing.eye_m + PLAY_M
-    return {(i, j) for i, j in np.argwhere(near).tolist() if i != j}
 
 
 def clearance(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing, places_m: Array) -> Array:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array
-from eal.vectors import cross
+from eal.arrays import Array, cross
 from mocap.filters.velocities import Motion
 from mocap.kinematics.angles import unit
 from mocap.kinematics.cycles import Footfalls

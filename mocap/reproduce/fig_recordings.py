@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from eal.arrays import Z95
-from eal.midpoint import simulate_midpoint
+from eal.integrators import simulate_midpoint
 from mocap.reproduce.joint_filter import substeps, theorem_3
 from mocap.reproduce.record import Figure, Verdict, judged
 from mocap.reproduce.recordings import Tracked, planar, spherical, wrist

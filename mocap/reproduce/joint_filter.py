@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from eal import bounds
 from eal.arrays import frozen
-from eal.integrators import IntegrationError
+from eal.integrators import IntegrationError, midpoint_step
 from eal.lagrangian import PenalisedModel
-from eal.midpoint import midpoint_step
 from eal.over_time import OverTime, Time
 from eal.threads import one_blas_thread
 from mocap.filters.ensemble import default_points

@@ -267,6 +267,5 @@ def _limb(recording: SyntheticRecording) -> Seen:
 
 
 def _scaled(seen: Seen, scale_m: float) -> Seen:
-    """Coordinates in units of ``scale_m``."""
     sights = replace(seen.sights, chart=lambda at: scale_m * at[:, None])
     return Seen(sights=sights, q=seen.q / scale_m, truth=seen.truth / scale_m)

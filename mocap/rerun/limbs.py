@@ -24,7 +24,15 @@ def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Each limb's map with its state, and its pulls in the scene."""
     t_s, names = run.t_s, run.names
     for limb in layout.run.limbs:
-        _log_map(rec, f"{paths.child(paths.LIMBS, limb.name)}/map", t_s, limb)
+        # the potential from above, and the state with its ellipse on it
+        path = f"{paths.child(paths.LIMBS, limb.name)}/map"
+        log_picture(rec, f"{path}/potential", limb.x, limb.y, limb.value)
+        way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
+        log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
+        look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0)
+        known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
+        lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * FLIP)))
+        log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=known)
         log_line(
             rec,
             f"{paths.child(paths.LIMBS, limb.name)}/series/value",
@@ -67,17 +75,6 @@ def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
         look=eye(scene.centre_m, 1.85 * scene.radius_m, scene.up),
         trail=(paths.TRAILS, layout.trail_frames),
     )
-
-
-def _log_map(rec: rr.RecordingStream, path: str, t_s: Array, limb: HeldLimb) -> None:
-    """The potential from above, and the state with its ellipse on it."""
-    log_picture(rec, f"{path}/potential", limb.x, limb.y, limb.value)
-    way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
-    log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
-    look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0)
-    known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
-    lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * FLIP)))
-    log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=known)
 
 
 def ellipses(limb: HeldLimb) -> Array:

@@ -22,8 +22,7 @@ from mocap.pipeline.tracking import Part
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
-from mocap.rerun.log_markers import ellipsoids, log_looks
-from mocap.rerun.log_world import log_world
+from mocap.rerun.log_markers import ellipsoids, log_looks, log_world
 from mocap.rerun.record import APPLICATION
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.scene_views import eye, world_view
@@ -69,7 +68,11 @@ class LiveView:
         log_looks(rec, len(names))
         sides = [palette.TRAIL[side_of(name)] for name in names]
         rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=sides), static=True)
-        _log_line_looks(rec)
+        for path, name, color in (
+            (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
+            (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
+        ):
+            rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)
         self._frames: queue.Queue[LiveEstimate | None] = queue.Queue(maxsize=WAITING)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
@@ -168,14 +171,6 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
     ]
     content = rrb.Horizontal(view, rrb.Vertical(*lines), column_shares=[3, 2])
     return screen(content, play_state=rrb.components.PlayState.Following)
-
-
-def _log_line_looks(rec: rr.RecordingStream) -> None:
-    for path, name, color in (
-        (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
-        (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
-    ):
-        rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,8 @@ import pytest
 from mocap.datasets.pendulums import GRAVITY_M_S2, pendulum_motion
 
 from eal import GaussianKernel, fit_potential
-from eal.integrators import integrate_adaptive
+from eal.integrators import integrate_adaptive, midpoint_step, simulate_midpoint
 from eal.lagrangian import PenalisedModel
-from eal.midpoint import midpoint_step, simulate_midpoint
 from eal.radius import valley_covariance
 from eal.systems import planar_pendulum
 from mocap.cameras.camera import project, stacked

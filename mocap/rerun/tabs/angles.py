@@ -30,7 +30,15 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
         for one in quantities:
             _log_quantity(rec, group, one, t_s)
     for (kind, of), lane in _lanes(layout.cycles).items():
-        _log_cycles(rec, paths.cycles(kind, of), lane, t_s)
+        parts = sections(lane)
+        names = [name for _, name in parts if name]
+        labels = [name.split()[0] if name.endswith(("down", "stance")) or " " not in name else " " for name in names]
+        colors = [palette.VERMILLION if name.endswith(("up", "swing")) else palette.GREEN for name in names]
+        look = rr.StateConfiguration(values=names, labels=labels, colors=colors)
+        at = np.clip(np.searchsorted(t_s, [start for start, _ in parts]), 0, len(t_s) - 1)
+        last = {int(frame): name for frame, (_, name) in zip(at, parts, strict=True)}
+        changes = rr.StateChange.columns(state=list(last.values()))
+        log_over_time(rec, paths.cycles(kind, of), t_s, changes, look, at=np.array(list(last), dtype=np.int64))
 
 
 def tab(layout: Layout) -> rrb.Container | None:
@@ -113,15 +121,3 @@ def sections(rows: Sequence[Cycle]) -> list[tuple[float, str]]:
         if i + 1 == len(rows) or rows[i + 1].start_s > row.end_s + 1e-9:
             out.append((row.end_s, ""))
     return out
-
-
-def _log_cycles(rec: rr.RecordingStream, path: str, rows: Sequence[Cycle], t_s: np.ndarray) -> None:
-    parts = sections(rows)
-    names = [name for _, name in parts if name]
-    labels = [name.split()[0] if name.endswith(("down", "stance")) or " " not in name else " " for name in names]
-    colors = [palette.VERMILLION if name.endswith(("up", "swing")) else palette.GREEN for name in names]
-    look = rr.StateConfiguration(values=names, labels=labels, colors=colors)
-    at = np.clip(np.searchsorted(t_s, [start for start, _ in parts]), 0, len(t_s) - 1)
-    last = {int(frame): name for frame, (_, name) in zip(at, parts, strict=True)}
-    changes = rr.StateChange.columns(state=list(last.values()))
-    log_over_time(rec, path, t_s, changes, look, at=np.array(list(last), dtype=np.int64))

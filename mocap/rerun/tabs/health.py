@@ -10,8 +10,8 @@ from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import rows
-from mocap.rerun.gaps import gap_lanes_view, log_gaps
 from mocap.rerun.layout import Layout
+from mocap.rerun.log_markers import gap_lanes_view, log_gaps
 from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view, usual_limit
 from mocap.rerun.series import log_line, robust_range, series_view
 

@@ -5,10 +5,17 @@ import rerun.blueprint as rrb
 
 from mocap.pipeline.recording import Recording
 from mocap.rerun.blueprint import rows
-from mocap.rerun.gaps import gap_map_view, log_gap_map
 from mocap.rerun.layout import Layout
-from mocap.rerun.log_markers import log_looks, log_markers, log_trails, log_uncertainty
-from mocap.rerun.log_world import log_axes, log_world
+from mocap.rerun.log_markers import (
+    gap_map_view,
+    log_axes,
+    log_gap_map,
+    log_looks,
+    log_markers,
+    log_trails,
+    log_uncertainty,
+    log_world,
+)
 from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
 
 

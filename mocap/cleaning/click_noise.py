@@ -128,8 +128,6 @@ def _most_likely_dof(distance: Array) -> float:
     return best
 
 
-DOF = USUAL_DOF
-"""Degrees of freedom of the errors of a ray where they are not estimated: heavy tails with a variance."""
 LEAST_PX = 0.01
 """No pixel is known better than that, not even where pixels were simulated without noise."""
 
@@ -162,7 +160,7 @@ def student_t(
         xyz_m: (T, M, 3) starting points; NaN stays NaN.
         sd_px: Standard deviation of a pixel coordinate over all rays, to start from.
         relative: (C, T, M) scales of rays relative to s; None: 1.
-        noise: Factors of cameras and markers, and degrees of freedom; None: 1, and ``DOF``.
+        noise: Factors of cameras and markers, and degrees of freedom; None: 1, and ``USUAL_DOF``.
 
     Returns:
         (T, M, 3) points, their (T, M, 3, 3) covariance; (C, T, M) the standard deviation of a pixel coordinate of each
@@ -174,10 +172,10 @@ def student_t(
     has_point = np.isfinite(xyz_m[..., 0])
     free = np.where(has_point, np.maximum(2 * count - 3, 0), 0).sum()
     spread = np.ones(seen.shape) if relative is None else relative
-    nu = np.full((len(matrices), 1, 1), DOF)
+    nu = np.full((len(matrices), 1, 1), USUAL_DOF)
     if noise is not None:
         nu, spread = noise.dof[:, None, None], spread * noise.factors
-    scale = sd_px * np.sqrt((DOF - 2) / DOF)
+    scale = sd_px * np.sqrt((USUAL_DOF - 2) / USUAL_DOF)
     weight = np.ones(seen.shape)
     xyz, cov = xyz_m, np.full((*xyz_m.shape, 3), np.nan)
     rows = np.where(count == 2, 1, 2)  # of two rays only the distance from each other is left

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.cleaning.click_noise import USUAL_DOF
 
 Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
@@ -161,8 +162,6 @@ def belonging(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], b
 
 Bones = NDArray[np.int64]
 
-DOF = 4.0
-"""Degrees of freedom of the Student's t errors in every likelihood below: neither digitisers nor animals are normal."""
 CHANGE = 12.0
 """Negative log probability that two given markers change names between two given frames (one in 160 000)."""
 MARGIN = 8.0
@@ -183,7 +182,8 @@ class BoneLength:
 
 def student_log(squares: Array, size: int) -> Array:
     """Log density of Student's t in ``size`` dimensions at squared standardised distances, less that at its centre."""
-    return -0.5 * (DOF + size) * np.log1p(squares / DOF)
+    # neither digitisers nor animals are normal
+    return -0.5 * (USUAL_DOF + size) * np.log1p(squares / USUAL_DOF)
 
 
 def usual_length(length_m: Array) -> tuple[float, float] | None:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import Triangulation, robust
-from mocap.cleaning.marker_paths import CHANGE, DOF, MARGIN, student_log
+from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.cleaning.marker_paths import CHANGE, MARGIN, student_log
 from mocap.cleaning.swaps import Swap, clearest, exchange
 
 Mask = NDArray[np.bool_]
@@ -94,7 +95,9 @@ def agreement(
     kept = np.isfinite(uv[..., 0]) & ~found.rejected & np.isfinite(found.xyz_m[..., 0])
     n, lost = kept.sum(axis=0), found.rejected.sum(axis=0)
     wrong = np.where(n >= 2, lost, np.minimum(lost, 1))  # of two rays that disagree one is right
-    miss = np.linalg.norm(uv - project(matrices, found.xyz_m), axis=-1) / (spread * sd_px * np.sqrt((DOF - 2) / DOF))
+    miss = np.linalg.norm(uv - project(matrices, found.xyz_m), axis=-1) / (
+        spread * sd_px * np.sqrt((USUAL_DOF - 2) / USUAL_DOF)
+    )
     fit = np.where(kept, student_log(np.nan_to_num(miss) ** 2, 2), 0.0).sum(axis=0)
     return (fit + detail * np.maximum(2 * n - 3, 0) + np.log(outliers) * wrong).sum(axis=1), found.xyz_m
 
@@ -162,7 +165,7 @@ class _Rays:
 
     @property
     def _scale(self) -> float:
-        return self.sd * float(np.sqrt((DOF - 2) / DOF))
+        return self.sd * float(np.sqrt((USUAL_DOF - 2) / USUAL_DOF))
 
     def completed(self, gains: Mapping[Key, dict[int, float]]) -> dict[Key, Array]:
         """(T,) gains of each pair in its camera; in frames that were not suspected what the exchange would spoil."""

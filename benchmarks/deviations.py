@@ -31,7 +31,7 @@ from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.datasets.bats import bat_motion
 from mocap.datasets.lizards import lizard_motion
 from mocap.datasets.real import folder
-from mocap.datasets.scene import Motion as SceneMotion
+from mocap.datasets.recording import Motion as SceneMotion
 from mocap.filters.velocities import Motion
 from numpy.typing import NDArray
 

@@ -6,9 +6,8 @@ from dataclasses import asdict
 import numpy as np
 from mocap.datasets.observe import Digitiser, click_noise, lost, misplace
 from mocap.datasets.occlusion import occluded
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.recording import Motion, Scene, SyntheticRecording, frame_times, start_times
 from mocap.datasets.rig import picture_size
-from mocap.datasets.scene import Motion, Scene, frame_times, start_times
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs

@@ -29,7 +29,6 @@ from mocap.schema import Entry, Schema, checked, names
 from mocap.skeleton import write_skeleton
 
 _ITERATIONS = 3
-_USER_BLOCK = 512
 
 
 def write_project(path: Path, recording: SyntheticRecording) -> None:
@@ -52,8 +51,11 @@ def write_project(path: Path, recording: SyntheticRecording) -> None:
     n_cameras, n_frames, n_markers = pixels.seen.shape
     ideal = undistorted(cameras, pixels.uv_px, iterations=_ITERATIONS)
     xyz_m = linear(stacked(cameras), ideal)
-    with h5py.File(path, "w", userblock_size=_USER_BLOCK) as file:
-        data = _struct(file.create_group("udExport"), "data")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        parent = file.create_group("udExport")
+        parent.attrs["MATLAB_class"] = np.bytes_(b"struct")
+        data = parent.create_group("data")
+        data.attrs["MATLAB_class"] = np.bytes_(b"struct")
         for name, value in {"nvid": n_cameras, "numpts": n_markers, "dlt": 1, "sp": 1}.items():
             _double(data, name, np.array([[float(value)]]))
         _double(data, "movFrameRates", np.full((n_cameras, 1), recording.fps))
@@ -68,13 +70,6 @@ def write_project(path: Path, recording: SyntheticRecording) -> None:
     with path.open("r+b") as stream:
         head = f"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: {time.asctime(time.gmtime(0))} HDF5 schema 1.00 ."
         stream.write(head.encode().ljust(116) + bytes(8) + b"\x00\x02IM")
-
-
-def _struct(parent: h5py.Group, name: str) -> h5py.Group:
-    parent.attrs["MATLAB_class"] = np.bytes_(b"struct")
-    group = parent.create_group(name)
-    group.attrs["MATLAB_class"] = np.bytes_(b"struct")
-    return group
 
 
 def _double(parent: h5py.Group, name: str, transposed: Array) -> None:
@@ -157,15 +152,6 @@ def write_recording(recording: SyntheticRecording, folder: Path, *, others: bool
             kinds.pop(kind, None)
     paths = {kind: folder / f"{recording.name}_{ending}" for kind, ending in kinds.items()}
     folder.mkdir(parents=True, exist_ok=True)
-    _write(recording, paths)
-    if "profile" in paths:
-        write_profile(paths["profile"], recording.cameras)
-    if others:
-        _write_others(recording, paths)
-    return paths
-
-
-def _write(recording: SyntheticRecording, paths: Mapping[str, Path]) -> None:
     n_cameras, n_frames = len(recording.cameras), len(recording.truth.t_s)
     write_pixels(paths["pixels"], recording.pixels)
     write_coefficients(paths["coefficients"], recording.cameras)
@@ -185,10 +171,14 @@ def _write(recording: SyntheticRecording, paths: Mapping[str, Path]) -> None:
         contact=recording.contact,
     )
     paths["card"].write_text(json.dumps(recording.card, indent=2) + "\n", encoding="utf-8")
+    if "profile" in paths:
+        write_profile(paths["profile"], recording.cameras)
+    if others:
+        _write_others(recording, paths)
+    return paths
 
 
 def _write_others(recording: SyntheticRecording, paths: Mapping[str, Path]) -> None:
-    """What other programs would have written of the same pixels."""
     write_calibration(paths["calibration"], recording.cameras)
     if "project" in paths:
         write_project(paths["project"], recording)

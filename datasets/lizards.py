@@ -1,22 +1,107 @@
-"""A lizard that walks up a rod, filmed by high-speed cameras around a tank."""
+"""A lizard that walks up a rod by a gait, filmed by high-speed cameras around a tank."""
 
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from mocap.datasets.film import film
-from mocap.datasets.gait import Gait, Steps, steps
-from mocap.datasets.linkage import bent, rotated, turn
+from mocap.datasets.linkage import bent, ramp, rotated, turn
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.occlusion import Solid
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.recording import Motion, Scene, SyntheticRecording
 from mocap.datasets.rig import tank_cameras
-from mocap.datasets.scene import Motion, Scene
 from mocap.datasets.wander import draw_wander, skin_motion
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.measures import JointAxes, Measures
 from mocap.skeleton import Skeleton
+
+# footholds are drawn for so many strides and then repeat: far more than a recording holds
+_STRIDES = 512
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gait:
+    """A symmetrical gait at a steady stride length.
+
+    Attributes:
+        stride_m: Way of the body in one cycle.
+        duty: Share of the cycle that a foot stands; 0.65 is a walking trot, 0.63 that of Dipsosaurus at its slowest
+            (Fieler & Jayne 1998, J. Exp. Biol. 201, 609).
+        lift_m: How far a foot rises from the rod in its swing.
+        scatter_m: Standard deviation of footholds along the rod.
+        scatter_rad: Standard deviation of footholds around it.
+    """
+
+    stride_m: float = 0.044
+    duty: float = 0.65
+    lift_m: float = 0.005
+    scatter_m: float = 0.001
+    scatter_rad: float = 0.06
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Steps:
+    """One foot over time, in cylindrical coordinates of the rod.
+
+    Attributes:
+        along_m: (T,) position along the rod.
+        around_rad: (T,) angle from the top of the rod, to the left.
+        lift_m: (T,) height above the rod's surface.
+        cycle: (T,) share of the cycle that has passed since touch-down, 0 to 1.
+        stance: (T,) True where the foot stands.
+    """
+
+    along_m: Array
+    around_rad: Array
+    lift_m: Array
+    cycle: Array
+    stance: NDArray[np.bool_]
+
+
+def steps(
+    rng: np.random.Generator, progress_m: Array, gait: Gait, *, offset: float, ahead_m: float, around_rad: float
+) -> Steps:
+    """The steps of one foot of a body that has come ``progress_m`` along the rod.
+
+    Step k stands while the body goes from (k + offset) to (k + offset + duty) strides, so that in mid-stance the foot
+    is ``ahead_m`` before the body; between steps it swings along a smooth step, without a jump in acceleration.
+
+    Args:
+        rng: Source of the scatter of footholds.
+        progress_m: (T,) position of the body, increasing.
+        gait: Stride and duty.
+        offset: Phase of the limb in cycles.
+        ahead_m: Mid-stance position of the foot relative to the body.
+        around_rad: Mean angle of the foothold from the top of the rod; to the left is positive.
+
+    Returns:
+        The foot over time.
+    """
+    cycles = progress_m / gait.stride_m - offset
+    k = np.floor(cycles).astype(int)
+    u = cycles - k
+    # within two standard deviations, so that no seed asks for a step out of reach
+    scatter = np.clip(rng.standard_normal((_STRIDES, 2)), -2, 2) * [gait.scatter_m, gait.scatter_rad]
+
+    def foothold(step: NDArray[np.intp]) -> Array:
+        middle = gait.stride_m * (step + offset + gait.duty / 2) + ahead_m
+        mean = np.stack([middle, np.full(len(step), around_rad)], axis=-1)
+        return mean + scatter[step % _STRIDES]
+
+    swing = np.maximum(u - gait.duty, 0) / (1 - gait.duty)
+    here, there = foothold(k), foothold(k + 1)
+    place = here + ramp(swing)[:, None] * (there - here)
+    return Steps(
+        along_m=place[:, 0],
+        around_rad=place[:, 1],
+        lift_m=gait.lift_m * (4 * swing * (1 - swing)) ** 3,
+        cycle=u,
+        stance=u < gait.duty,
+    )
+
 
 AXIAL = ("snout", "head", "neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3")
 LIMBS = {"fore": ("shoulder", "elbow", "wrist", "hand"), "hind": ("hip", "knee", "ankle", "foot")}
@@ -35,19 +120,7 @@ def lizard_skeleton() -> Skeleton:
     ]
     for chain in chains[1:]:
         bones += pairwise(chain)
-    return Skeleton(
-        name="lizard",
-        markers=MARKERS,
-        bones=bones,
-        joints={triple[1]: triple for chain in chains for triple in zip(chain, chain[1:], chain[2:], strict=False)},
-        trunk=TRUNK,
-        max_speed_m_s=3.0,
-        measures=_measures(),
-    )
-
-
-def _measures() -> Measures:
-    """What a paper on locomotion reports."""
+    # what a paper on locomotion reports
     ahead = {"shoulder": ("spine", "neck"), "hip": ("pelvis", "spine")}
     axes = {}
     for limb, (root, middle, end, _) in LIMBS.items():
@@ -55,22 +128,22 @@ def _measures() -> Measures:
         for side in "lr":
             upper, lower = (f"{root}_{side}", f"{middle}_{side}"), (f"{middle}_{side}", f"{end}_{side}")
             axes[upper[0]] = JointAxes(parent=(ahead[root], across), child=(upper, lower))
-    return Measures(
-        forward=("spine", "neck"),
-        left=("shoulder_r", "shoulder_l"),
-        axes=axes,
-        distances={"snout_vent": ("snout", "pelvis")},
-        feet=("hand_l", "foot_r", "hand_r", "foot_l"),
-        ground="rod",
-        chain=("neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3"),
-    )
-
-
-def extremities() -> tuple[tuple[str, ...], ...]:
-    """Sets of markers that are lost together: each hand, each foot, the end of the tail."""
-    return (
-        *((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("wrist", "hand"), ("ankle", "foot"))),
-        ("tail_2", "tail_3"),
+    return Skeleton(
+        name="lizard",
+        markers=MARKERS,
+        bones=bones,
+        joints={triple[1]: triple for chain in chains for triple in zip(chain, chain[1:], chain[2:], strict=False)},
+        trunk=TRUNK,
+        max_speed_m_s=3.0,
+        measures=Measures(
+            forward=("spine", "neck"),
+            left=("shoulder_r", "shoulder_l"),
+            axes=axes,
+            distances={"snout_vent": ("snout", "pelvis")},
+            feet=("hand_l", "foot_r", "hand_r", "foot_l"),
+            ground="rod",
+            chain=("neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3"),
+        ),
     )
 
 
@@ -79,9 +152,6 @@ SPEED_M_S = 0.14
 GAIT = Gait()
 _DEG = np.pi / 180
 _ROD_RADIUS_M = 0.005
-_BACK_M = 0.018  # of the spine above the axis of the rod
-_TOE_M = 0.001  # of a toe's marker above the rod
-_START_M = -0.14
 # bones in metres: an adult Anolis sagrei of 60 mm from snout to vent
 _AXIS_M = {
     "snout": 0.012,
@@ -163,7 +233,7 @@ def lizard_motion(seed: int, *, skin_m: float = 0.0002, rolling: float = 0.0) ->
 def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float) -> Scene:
     """The lizard's motion at times (T,), the same function of time for the same seed; others as in ``make_lizard``."""
     rng = np.random.default_rng(seed)
-    progress = _START_M + SPEED_M_S * (t_s + 0.1 * draw_wander(rng, band_hz=(0.3, 2.0)).integral(t_s))
+    progress = -0.14 + SPEED_M_S * (t_s + 0.1 * draw_wander(rng, band_hz=(0.3, 2.0)).integral(t_s))
     phase = 2 * np.pi * progress / GAIT.stride_m
     rod, girdles = _axis(rng, t_s, progress, phase)
     contact = {}
@@ -193,6 +263,7 @@ def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rol
         xyz = xyz + skin_motion(rng, t_s, phase, scale * rng.uniform(0.6, 1.4, len(MARKERS)))
     world = turn(1, np.array(-SLOPE_RAD))
     standing = [contact.get(name, np.zeros(len(t_s), dtype=bool)) for name in MARKERS]
+    # sets of markers that are lost together: each hand, each foot, the end of the tail
     return Scene(
         skeleton=lizard_skeleton(),
         t_s=t_s,
@@ -200,7 +271,10 @@ def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rol
         triangles=np.empty((0, 3), dtype=int),
         solids=_solids(rod, girdles, world),
         clearance_m=0.0015,
-        clusters=extremities(),
+        clusters=(
+            *((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("wrist", "hand"), ("ankle", "foot"))),
+            ("tail_2", "tail_3"),
+        ),
         contact=np.stack(standing, axis=1),
     )
 
@@ -223,7 +297,7 @@ def _axis(
         "pelvis": turn(2, hips) @ turn(0, -4 * _DEG * np.sin(phase_rad)),
     }
     girdles["head"] = turn(2, -0.3 * chest + 5 * _DEG * slow[2]) @ turn(1, _DEG * (-6 + 3 * slow[3]))
-    height = _BACK_M + 0.0005 * np.cos(2 * phase_rad + 0.5)
+    height = 0.018 + 0.0005 * np.cos(2 * phase_rad + 0.5)
     sway = 0.0012 * np.sin(phase_rad) + 0.0008 * slow[4]
     rod: dict[str, Array] = {"spine": np.stack([progress_m, sway, height], axis=-1)}
     ahead = np.array([1.0, 0, 0])
@@ -244,7 +318,7 @@ def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
     """Toe and heel (T, 3) in the axes of the rod: the toe stands, the heel rises until the toe leaves."""
     outward = np.stack([np.zeros_like(foot.around_rad), np.sin(foot.around_rad), np.cos(foot.around_rad)], axis=-1)
     along = np.stack([foot.along_m, np.zeros_like(foot.along_m), np.zeros_like(foot.along_m)], axis=-1)
-    toe = along + (_ROD_RADIUS_M + _TOE_M + foot.lift_m)[:, None] * outward
+    toe = along + (_ROD_RADIUS_M + 0.001 + foot.lift_m)[:, None] * outward
     pitch = _DEG * (38 + 17 * np.cos(2 * np.pi * (foot.cycle - 0.68)))[:, None]
     level = np.array([-np.cos(0.5), mirror * np.sin(0.5), 0.0])
     # level and outward are not at right angles: the sum is made a unit vector
@@ -253,8 +327,6 @@ def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
 
 
 def _solids(rod: dict[str, Array], girdles: dict[str, Array], world: Array) -> tuple[Solid, ...]:
-    """Chest, belly, head and the rod itself."""
-
     def solid(centre: Array, rotation: Array, semi_axes: tuple[float, float, float]) -> Solid:
         return Solid(centre_m=rotated(world, centre), rotation=world @ rotation, semi_axes_m=np.array(semi_axes))
 

@@ -13,8 +13,8 @@ from mocap.datasets.disturbances import CLEAN, Disturbances, Spoiler
 from mocap.datasets.film import outside, view
 from mocap.datasets.linkage import unit
 from mocap.datasets.occlusion import Solid
+from mocap.datasets.recording import Motion, Scene
 from mocap.datasets.rig import picture_size
-from mocap.datasets.scene import Motion, Scene
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -26,12 +26,7 @@ FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel in the files of pixels, as DLTdv counts them."""
 _BACKGROUND, _ROD, _BODY, _BONE, _MARKER = 30, 60, 100, 135, 235
 _EDGE_ON, _FACE_ON = 45, 90
-_BONE_PX = 3
-_BLUR_STEP_PX, _MOST_STEPS = 2.0, 8
-_NEARER_M = 0.002  # bones lie on the near side of membranes and bodies
 _FRACTION_BITS = 4
-_ROD_M = 0.3
-_SKIN_M = 0.005
 
 
 def write_movies(
@@ -150,7 +145,7 @@ def _exposure_steps(uv_px: Array, hidden: NDArray[np.bool_], exposure: float) ->
         return 1
     moved = np.linalg.norm(np.diff(uv_px, axis=0), axis=-1)[~hidden[1:]]
     fast = float(np.percentile(moved, 99)) if moved.size else 0.0
-    return int(np.clip(np.ceil(exposure * fast / _BLUR_STEP_PX), 2, _MOST_STEPS))
+    return int(np.clip(np.ceil(exposure * fast / 2.0), 2, 8))
 
 
 def picture(
@@ -194,12 +189,13 @@ def picture(
     index = {name: m for m, name in enumerate(scene.skeleton.markers)}
     bone_ends = [(index[bone.a], index[bone.b]) for bone in scene.skeleton.bones if bone.rigid]
     for ends in (xyz_m[list(pair)] for pair in bone_ends):
-        shapes.append((ends.mean(axis=0) - _NEARER_M * unit(ends.mean(axis=0) - eye_m), ends, _BONE))
+        # bones lie on the near side of membranes and bodies
+        shapes.append((ends.mean(axis=0) - 0.002 * unit(ends.mean(axis=0) - eye_m), ends, _BONE))
     for _, points, shade in sorted(shapes, key=lambda shape: -float(normal[:3] @ shape[0])):
         ahead = points[points @ normal[:3] + normal[3] > 0]
         outline = _fixed(record([camera], ahead)[0])
         if len(points) == 2 and len(ahead) == 2:
-            cv2.line(drawn, outline[0].tolist(), outline[1].tolist(), shade, _BONE_PX, cv2.LINE_AA, _FRACTION_BITS)
+            cv2.line(drawn, outline[0].tolist(), outline[1].tolist(), shade, 3, cv2.LINE_AA, _FRACTION_BITS)
         elif len(ahead) > 2:
             cv2.fillConvexPoly(drawn, cv2.convexHull(outline), shade, cv2.LINE_AA, _FRACTION_BITS)
     spots = spoiler.spots(frame, uv_px[bone_ends] - FIRST_PIXEL) + FIRST_PIXEL
@@ -223,7 +219,7 @@ def _draw_skin(
     ahead = trunk[0] - trunk[-1]
     along = unit(ahead - axes[2] * (ahead @ axes[2]))
     across = np.cross(axes[2] * np.sign(axes[2, 2]), along)
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * _SKIN_M
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.005
     ends = record([camera], scene.xyz_m[frame, marker] + corners @ np.stack([along, across]))[0] - FIRST_PIXEL
     low, high = np.floor(ends.min(axis=0)).astype(int) - 1, np.ceil(ends.max(axis=0)).astype(int) + 2
     low, high = np.maximum(low, 0), np.minimum(high, drawn.shape[::-1])
@@ -250,5 +246,5 @@ def _surface(solid: Solid, frame: int) -> Array:
     polar, around = np.meshgrid(np.linspace(0, np.pi, 15), np.linspace(0, 2 * np.pi, 24, endpoint=False))
     across = np.ones_like(polar) if np.isinf(solid.semi_axes_m[0]) else np.sin(polar)
     shape = np.stack([np.cos(polar), across * np.cos(around), across * np.sin(around)], axis=-1)
-    points = shape.reshape(-1, 3) * np.minimum(solid.semi_axes_m, _ROD_M)
+    points = shape.reshape(-1, 3) * np.minimum(solid.semi_axes_m, 0.3)
     return points @ solid.rotation[frame].T + solid.centre_m[frame]

@@ -10,13 +10,11 @@ import numpy as np
 from mocap.datasets.film import film
 from mocap.datasets.linkage import rotated, turn
 from mocap.datasets.observe import Digitiser
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.recording import Scene, SyntheticRecording
 from mocap.datasets.rig import aimed
-from mocap.datasets.scene import Scene
 from scipy.integrate import solve_ivp
 
 from eal.arrays import Array, frozen
-from mocap.cameras.camera import Camera
 from mocap.cameras.lens import BrownLens
 from mocap.io.csv_table import write_table
 from mocap.measures import Measures, Segment
@@ -110,18 +108,15 @@ def pendulum_motion(
         Configurations and velocities (T, D), and the multiplier (T,), as in ``PendulumRecording``.
     """
     if kind == "planar":
-        return _planar(t_s, swing_rad)
+
+        def slope(_: float, y: Array) -> Array:
+            return np.array([y[1], -GRAVITY_M_S2 * np.cos(y[0])])
+
+        angle, speed = _solve(slope, np.array([swing_rad, 0.0]), t_s)
+        ones, zeros = np.ones(len(t_s)), np.zeros(len(t_s))
+        multiplier = GRAVITY_M_S2 * np.sin(angle) - speed**2
+        return np.stack([ones, angle], axis=1), np.stack([zeros, speed], axis=1), multiplier
     return _spherical(t_s, azimuth_rad)
-
-
-def _planar(t_s: Array, swing_rad: float) -> tuple[Array, Array, Array]:
-    def slope(_: float, y: Array) -> Array:
-        return np.array([y[1], -GRAVITY_M_S2 * np.cos(y[0])])
-
-    angle, speed = _solve(slope, np.array([swing_rad, 0.0]), t_s)
-    ones, zeros = np.ones(len(t_s)), np.zeros(len(t_s))
-    multiplier = GRAVITY_M_S2 * np.sin(angle) - speed**2
-    return np.stack([ones, angle], axis=1), np.stack([zeros, speed], axis=1), multiplier
 
 
 def _spherical(t_s: Array, azimuth_rad: float) -> tuple[Array, Array, Array]:
@@ -171,8 +166,6 @@ def write_pendulum(recording: PendulumRecording, folder: Path) -> None:
 
 STAND_M = {"top": (0.0, 0.0, 0.4), "front": (0.35, 0.0, 0.15), "side": (0.0, 0.35, 0.15), "pivot": (0.0, 0.0, 0.0)}
 """Markers that stand still; the pivot is the joint's centre, z is up."""
-HEADING_RAD = 0.45
-"""The planar pendulum swings in the vertical plane through this horizontal direction."""
 
 
 def make_pendulum_film(
@@ -197,9 +190,18 @@ def make_pendulum_film(
     Returns:
         The recording, with its truth: markers ``top``, ``front``, ``side``, ``pivot``, ``bob``.
     """
+    cameras = []
+    for i in range(4):
+        azimuth, elevation = np.deg2rad(20 + 90 * i), np.deg2rad((15, 35)[i % 2])
+        around = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        lens = BrownLens(f_px=(1000.0, 1000.0), centre_px=(640.0, 512.0), k=(-0.1, 0.03, 0.0))
+        target = np.array([0.0, 0.0, -0.2])
+        cameras.append(
+            aimed(f"cam{i + 1}", position_m=target + 3.4 * around, target_m=target, size_px=(1280, 1024), lens=lens)
+        )
     return film(
         partial(_scene, kind=kind, swing_rad=swing_rad, azimuth_rad=azimuth_rad),
-        _cameras(),
+        tuple(cameras),
         name=f"{kind}_pendulum",
         seed=seed,
         n_frames=n_frames,
@@ -231,7 +233,7 @@ def _scene(t_s: Array, *, kind: Pendulum, swing_rad: float, azimuth_rad: float) 
     q = pendulum_motion(kind, t_s, swing_rad=swing_rad, azimuth_rad=azimuth_rad)[0]
     if kind == "planar":
         bob = np.stack([q[:, 0] * np.cos(q[:, 1]), np.zeros(len(q)), q[:, 0] * np.sin(q[:, 1])], axis=1)
-        bob = rotated(turn(2, HEADING_RAD), bob)
+        bob = rotated(turn(2, 0.45), bob)
     else:
         bob = q
     stand = np.broadcast_to(np.array(list(STAND_M.values())), (len(q), len(STAND_M), 3))
@@ -245,16 +247,3 @@ def _scene(t_s: Array, *, kind: Pendulum, swing_rad: float, azimuth_rad: float) 
         clusters=(("bob",),),
         contact=np.zeros((len(q), len(STAND_M) + 1), dtype=bool),
     )
-
-
-def _cameras() -> tuple[Camera, ...]:
-    cameras = []
-    for i in range(4):
-        azimuth, elevation = np.deg2rad(20 + 90 * i), np.deg2rad((15, 35)[i % 2])
-        around = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-        lens = BrownLens(f_px=(1000.0, 1000.0), centre_px=(640.0, 512.0), k=(-0.1, 0.03, 0.0))
-        target = np.array([0.0, 0.0, -0.2])
-        cameras.append(
-            aimed(f"cam{i + 1}", position_m=target + 3.4 * around, target_m=target, size_px=(1280, 1024), lens=lens)
-        )
-    return tuple(cameras)

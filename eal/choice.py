@@ -4,7 +4,7 @@
 left out costs one eigenproblem, for all lambda.
 """
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,12 +27,6 @@ FARTHEST = 12
 WEIGHTS = tuple(2.0**k for k in range(-2, 9))
 BLOCKS = 5
 """A single recording is left out in so many blocks of consecutive samples, which hold a cycle or more each."""
-MOST = 100
-"""Samples looked at, evenly spaced: over 27 joints they find 95 % of what all of 50 to 500 find in log likelihood."""
-DRAWS = 500
-"""For the integral of (1 - V)^w, which they know to 5 %: factors of two in w change the likelihood by more."""
-WIDEST_NOISE = 0.5
-"""Most of 4 beta sd^2: at 1 a sample's noise hides what it says of V (``eal.fitting.deconvolved``)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +80,8 @@ def choose(
         order = {name: i for i, name in enumerate(dict.fromkeys(trials))}
         groups = min(len(order), 2 * BLOCKS)  # so many of whole trials tell as much as each of hundreds by itself
         fold = np.array([order[name] * groups // len(order) for name in trials])
-    some = np.linspace(0, len(z) - 1, min(len(z), MOST)).astype(int)
+    # over 27 joints they find 95 % of what all of 50 to 500 find in log likelihood
+    some = np.linspace(0, len(z) - 1, min(len(z), 100)).astype(int)
     z, fold = z[some], fold[some]
     if len(np.unique(fold)) < 2:
         raise ValueError("one trial cannot be left out: give samples of two at least, or no trials")
@@ -96,10 +91,22 @@ def choose(
         usual, most = usual_kernel(y), FARTHEST
         if noise is not None:
             sd2 = max(float(np.median(np.linalg.eigvalsh(matrix @ noise @ matrix.T)[:, -1])), 1e-300)
-            most = int(np.clip(np.floor(np.log2(WIDEST_NOISE / (4.0 * usual.beta * sd2))), -most, most))
-        found = _climb(
-            lambda power, y=y, usual=usual: _held_out(y, fold, usual.beta * 2.0**power, LAMBDAS), start, most
-        )
+            # at 1 a sample's noise hides what it says of V (``deconvolved``)
+            most = int(np.clip(np.floor(np.log2(0.5 / (4.0 * usual.beta * sd2))), -most, most))
+
+        def score(power: int, y: Array = y, usual: GaussianKernel = usual) -> Array:
+            return _held_out(y, fold, usual.beta * 2.0**power, LAMBDAS)
+
+        at = min(start, most)
+        found = {at: score(at)}
+        for step in (1, -1):
+            while -FARTHEST <= at + step <= most:
+                found[at + step] = score(at + step)
+                if found[at + step].max() <= found[at].max():
+                    break
+                at += step
+            if len(found) > 2:
+                break
         start = max(found, key=lambda power: found[power].max())  # another metric begins there
         kernel = GaussianKernel(usual.beta * 2.0**start)
         lam = LAMBDAS[int(np.argmax(found[start]))]
@@ -113,21 +120,6 @@ def choose(
         weight=_weight(z @ matrix.T, fold, kernel.beta, lam),
         log_likelihood=likelihood,
     )
-
-
-def _climb(score: Callable[[int], Array], start: int, most: int) -> dict[int, Array]:
-    """Scores from a start, or the most if it is less, upwards as long as the best of each rises, else downwards."""
-    at = min(start, most)
-    found = {at: score(at)}
-    for step in (1, -1):
-        while -FARTHEST <= at + step <= most:
-            found[at + step] = score(at + step)
-            if found[at + step].max() <= found[at].max():
-                break
-            at += step
-        if len(found) > 2:
-            break
-    return found
 
 
 def _metrics(z: Array, noise: Array | None) -> Iterator[tuple[str, Array]]:
@@ -186,7 +178,8 @@ def _weight(z: Array, fold: NDArray[np.intp], beta: float, lam: float) -> float:
     """The w under which samples left out are likeliest by (1 - V)^w over its integral, by importance sampling."""
     rng, d = np.random.default_rng(0), z.shape[1]
     sd = 1.0 / np.sqrt(2.0 * beta)  # twice as wide as the square of a kernel
-    at = z[rng.integers(0, len(z), DRAWS)] + sd * rng.standard_normal((DRAWS, d))
+    # the integral of (1 - V)^w to 5 %: factors of two in w change the likelihood by more
+    at = z[rng.integers(0, len(z), 500)] + sd * rng.standard_normal((500, d))
     drawn = np.exp(-beta * cdist(at, z, "sqeuclidean")).mean(axis=1) * (beta / np.pi) ** (0.5 * d)
     weights, total = np.array(WEIGHTS), np.zeros(len(WEIGHTS))
     for near, there, _ in _others(z, fold, beta, (lam,), at):

@@ -21,8 +21,6 @@ from eal.kernels import Kernel
 from eal.plot import POINTS, grid_of, plot_comparison
 from eal.potential import usual_kernel
 
-MOST_PIVOTS = 300
-"""Pivots of all samples together; motion of a joint takes 10 to 60."""
 PERMUTATIONS = 9999
 """Random splits where there are more than so many: p = 0.05 is then known to 0.002."""
 RANGE = (0.025, 0.975)
@@ -176,7 +174,7 @@ def compare(
         )
     z = np.concatenate(trials)
     kernel = usual_kernel(z) if kernel is None else kernel
-    factor = pivoted_cholesky(kernel, z, tolerance=1e-6, max_rank=MOST_PIVOTS)  # 1e-6 of |T|: below any p's rounding
+    factor = pivoted_cholesky(kernel, z, tolerance=1e-6, max_rank=300)  # 1e-6 of |T|: below any p's rounding
     rows = np.split(factor.rows, np.cumsum([len(trial) for trial in trials])[:-1])
     operators = merge @ np.stack([(one.T @ one / len(one)).reshape(-1) for one in rows])
     separation = np.einsum("pi,ij,pj->p", coefficients, _shrunk(operators, unit), coefficients, optimize=True)

@@ -12,9 +12,6 @@ import numpy as np
 from eal.arrays import Array
 from eal.kernels import Kernel
 
-_BLOCK = 1 << 22
-"""Kernel values held at once: 32 MiB of them."""
-
 
 def value(kernel: Kernel, centres: Array, root: Array, q: Array) -> Array:
     """V at (n, d) configurations: (n,). Rounding below 0 is cut."""
@@ -76,7 +73,7 @@ def in_blocks(function: Callable[[Array], Array], q: Array, width: int) -> Array
         (..., ...) the values, leading axes as in ``q``.
     """
     flat = q.reshape(-1, q.shape[-1])
-    size = max(1, _BLOCK // width)
+    size = max(1, (1 << 22) // width)  # 32 MiB of kernel values
     if len(flat) <= size:
         result = function(flat)
     else:

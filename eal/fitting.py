@@ -63,7 +63,20 @@ def pivoted_cholesky(kernel: Kernel, z: Array, *, tolerance: float, max_rank: in
         top = float(residual[candidates].max())
         if top < tolerance:
             continue
-        chosen = _accepted(corner, floor=max(tolerance, 0.5 * top))
+        # pivots of a small residual matrix, greedy, until its diagonal is below ``floor``; at least one
+        floor = max(tolerance, 0.5 * top)
+        rest = corner.copy()
+        diagonal = np.diag(rest).copy()
+        chosen: list[int] = []
+        while len(chosen) < len(diagonal):
+            best = int(np.argmax(diagonal))
+            if chosen and diagonal[best] < floor:
+                break
+            chosen.append(best)
+            column = rest[:, best] / np.sqrt(diagonal[best])
+            rest -= np.outer(column, column)
+            diagonal = np.diag(rest).copy()
+            diagonal[chosen] = -np.inf
         new = candidates[chosen]
         lower = np.linalg.cholesky(corner[np.ix_(chosen, chosen)])
         part = kernel.gram(z[new], z) - rows[:m, new].T @ rows[:m]
@@ -78,27 +91,8 @@ def pivoted_cholesky(kernel: Kernel, z: Array, *, tolerance: float, max_rank: in
     return CholeskyFactor(pivots=pivots, corner=corner, rows=rows[:m].T, residual=residual)
 
 
-def _accepted(corner: Array, *, floor: float) -> list[int]:
-    """Pivots of a small residual matrix, greedy, until its diagonal is below ``floor``; at least one."""
-    rest = corner.copy()
-    diagonal = np.diag(rest).copy()
-    chosen: list[int] = []
-    while len(chosen) < len(diagonal):
-        best = int(np.argmax(diagonal))
-        if chosen and diagonal[best] < floor:
-            break
-        chosen.append(best)
-        column = rest[:, best] / np.sqrt(diagonal[best])
-        rest -= np.outer(column, column)
-        diagonal = np.diag(rest).copy()
-        diagonal[chosen] = -np.inf
-    return chosen
-
-
 Method = Literal["auto", "exact", "cholesky"]
 
-EXACT_UP_TO = 4000
-"""Samples up to which ``auto`` may form the Gram matrix (0.1 GiB, some 10 s)."""
 
 WIDE = 500
 """Pivots above which the eigenvalues come from the product of the factor with itself."""
@@ -147,13 +141,19 @@ def solve(
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, but is {method!r}")
     if method == "exact":
         return _exact(kernel, z, weights, lam, spectral_filter)
-    limited = method == "auto" and len(z) <= EXACT_UP_TO
+    limited = method == "auto" and len(z) <= 4000  # 0.1 GiB, some 10 s
     cap = min(max_rank, len(z) // 2) if limited else max_rank
     tolerance = lam * (0.5 * accuracy) ** 2
     factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max(cap, 1))
     if limited and len(factor.pivots) == cap:
         return _exact(kernel, z, weights, lam, spectral_filter)
-    return _of_factor(factor, z, weights, lam, spectral_filter)
+    # B = C^-T R diag(r)^1/2 with R, sigma from the SVD of the samples in the basis of the pivots
+    total = weights.sum()
+    sigma, vectors = _principal_axes(factor.rows, weights / total)
+    columns = vectors * np.sqrt(spectral_filter.response(sigma, lam))
+    root = solve_triangular(factor.corner, columns, lower=True, trans=1, check_finite=False)
+    missing = max(float(weights @ factor.residual / total), float(np.finfo(np.float64).eps))
+    return Root(centres=z[factor.pivots], root=root, eigenvalues=sigma, missing=missing, method="cholesky")
 
 
 def _exact(kernel: Kernel, z: Array, weights: Array, lam: float, spectral_filter: SpectralFilter) -> Root:
@@ -164,16 +164,6 @@ def _exact(kernel: Kernel, z: Array, weights: Array, lam: float, spectral_filter
     sigma, vectors = s[::-1] / total, vectors[:, ::-1]
     root = scale[:, None] * vectors * np.sqrt(spectral_filter.gain(sigma, lam) / total)
     return Root(centres=z, root=root, eigenvalues=sigma, missing=0.0, method="exact")
-
-
-def _of_factor(factor: CholeskyFactor, z: Array, weights: Array, lam: float, spectral_filter: SpectralFilter) -> Root:
-    """B = C^-T R diag(r)^1/2 with R, sigma from the SVD of the samples in the basis of the pivots."""
-    total = weights.sum()
-    sigma, vectors = _principal_axes(factor.rows, weights / total)
-    columns = vectors * np.sqrt(spectral_filter.response(sigma, lam))
-    root = solve_triangular(factor.corner, columns, lower=True, trans=1, check_finite=False)
-    missing = max(float(weights @ factor.residual / total), float(np.finfo(np.float64).eps))
-    return Root(centres=z[factor.pivots], root=root, eigenvalues=sigma, missing=missing, method="cholesky")
 
 
 def deconvolved(

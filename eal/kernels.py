@@ -200,5 +200,4 @@ def _second_moment(q: Array, z: Array, w: Array) -> Array:
 
 
 def _inverse(r: Array) -> Array:
-    """1 / r, 0 at r = 0."""
     return np.divide(1.0, r, out=np.zeros_like(r), where=r > 0.0)

@@ -10,11 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
-LEAST = 1 << 29
-"""Bytes that any archive may hold unpacked."""
-TIMES = 100
-"""Times its own size that a larger archive may hold."""
-
 
 @contextmanager
 def opened(path: Path) -> Iterator[Mapping[str, Any]]:
@@ -27,25 +22,21 @@ def opened(path: Path) -> Iterator[Mapping[str, Any]]:
     if path.exists() and not path.is_file():
         raise ValueError("it is a folder, a pipe or a device")
     with path.open("rb") as stream:
-        _check(path, stream)
+        size = path.stat().st_size
+        with zipfile.ZipFile(stream) as archive:
+            parts = archive.infolist()
+            total = sum(part.file_size for part in parts)
+            if total > max(2**29, 100 * size):  # half a GiB, or 100 times its own size
+                raise ValueError(f"it would take {total / 1e9:.3g} GB unpacked, the file has {size / 1e6:.3g} MB")
+            for part in parts:
+                with archive.open(part) as member:
+                    version = npy.read_magic(member)
+                    if version > (2, 0):
+                        raise ValueError(f"{part.filename} is of version {version} of numpy's format")
+                    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+                    shape, _, kind = read(member)
+                    if prod(shape) * kind.itemsize > part.file_size:
+                        raise ValueError(f"{part.filename} has shape {shape}, but {part.file_size} bytes")
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as file:
             yield file
-
-
-def _check(path: Path, stream: Any) -> None:
-    size = path.stat().st_size
-    with zipfile.ZipFile(stream) as archive:
-        parts = archive.infolist()
-        total = sum(part.file_size for part in parts)
-        if total > max(LEAST, TIMES * size):
-            raise ValueError(f"it would take {total / 1e9:.3g} GB unpacked, the file has {size / 1e6:.3g} MB")
-        for part in parts:
-            with archive.open(part) as member:
-                version = npy.read_magic(member)
-                if version > (2, 0):
-                    raise ValueError(f"{part.filename} is of version {version} of numpy's format")
-                read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-                shape, _, kind = read(member)
-                if prod(shape) * kind.itemsize > part.file_size:
-                    raise ValueError(f"{part.filename} has shape {shape}, but {part.file_size} bytes")

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from eal.comparison import Comparison
     from eal.potential import EmpiricalPotential
 
-POINTS, MARGIN = 160, 0.35
+POINTS = 160
 """Of the grid in each coordinate; of the samples' range, on each side."""
 SD_STEP = 0.1
 """Between the lines of equal standard deviation, where V is between 0 and 1."""
@@ -78,7 +78,7 @@ def plot_potential(
 def grid_of(samples: Array, *, points: int = POINTS) -> list[Array]:
     """Values along each coordinate, over the samples (N, d) and a margin."""
     low, high = samples.min(axis=0), samples.max(axis=0)
-    margin = MARGIN * max(float((high - low).max()), 1e-12)
+    margin = 0.35 * max(float((high - low).max()), 1e-12)  # of the samples' range, on each side
     return [np.linspace(a - margin, b + margin, points) for a, b in zip(low, high, strict=True)]
 
 

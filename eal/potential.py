@@ -23,8 +23,6 @@ USUAL_WIDTH = 4.0
 """Beta times the median squared distance, where nothing is known of a potential's use; ``eal.choose`` looks for it."""
 USUAL_LAMBDA = 1e-3
 """Spectral filtering parameter there."""
-SMALL = 2000
-"""Samples up to which a fit stays on one BLAS thread."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -296,7 +294,7 @@ def fit_potential(
     spectral_filter = Tail() if spectral_filter is None else spectral_filter
     sigma_lambda = checked_lambda(lam, float(w.sum()), scaling)
     limits = {"accuracy": positive("accuracy", accuracy), "max_rank": max_rank}
-    with one_blas_thread() if len(z) <= SMALL else nullcontext():
+    with one_blas_thread() if len(z) <= 2000 else nullcontext():  # a fit of few samples stays on one BLAS thread
         if covariances is None:
             found = fitting.solve(kernel, z, w, sigma_lambda, spectral_filter, method=method, **limits)
         else:

@@ -15,8 +15,6 @@ from eal.fitting import pivoted_cholesky
 from eal.kernels import Kernel
 from eal.potential import EmpiricalPotential, fit_potential
 
-MOST_PIVOTS = 300
-
 
 def value_deviation(
     potential: EmpiricalPotential,
@@ -62,7 +60,7 @@ def resampled_values(
     if trials is not None and sum(trials) != n:
         raise ValueError(f"trials must have {n} samples together, as the potential, but have {sum(trials)}")
     lam = potential.sigma_lambda
-    factor = pivoted_cholesky(potential.kernel, z, tolerance=1e-4 * lam, max_rank=MOST_PIVOTS)
+    factor = pivoted_cholesky(potential.kernel, z, tolerance=1e-4 * lam, max_rank=300)
     rows = factor.rows
     features = np.linalg.solve(factor.corner, potential.kernel.gram(z[factor.pivots], at)).T
 

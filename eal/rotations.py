@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from eal.arrays import Array, positive
 from eal.composite import FeatureKernel
 
-_NEAR = 1.0
-"""|v|^2 below which series stand for Stumpff's functions."""
-
 
 class _Columns(NamedTuple):
     """Coordinates that are angles, their joint among those that turn, axis and scale; balls and others among these.
@@ -150,7 +147,7 @@ class RotationKernel(FeatureKernel):
 
 def _closed(s: Array) -> tuple[NDArray[np.bool_], Array, Array, tuple[Array, Array, Array]]:
     """Where s is near 0, s for the series there and elsewhere for closed forms, and c_0, c_1 and c_2 in these."""
-    near = s < _NEAR
+    near = s < 1.0  # series for Stumpff's functions
     x, far = np.where(near, s, 0.0), np.where(near, 1.0, s)
     root = np.sqrt(far)
     c0 = np.cos(root)

@@ -20,9 +20,6 @@ from eal.kernels import Kernel
 from eal.potential import EmpiricalPotential
 from eal.spectral import SpectralFilter, Tail
 
-MOST = 1 << 22
-"""Kernel values held at once: 32 MiB of them."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Landmarks:
@@ -166,7 +163,7 @@ def sums_of(landmarks: Landmarks, samples: ArrayLike) -> PotentialSums:
     z = np.asarray(samples, dtype=np.float64).reshape(-1, landmarks.centres.shape[1])
     m = len(landmarks.centres)
     gram, residual = np.zeros((m, m)), 0.0
-    width = max(1, MOST // max(m, 1))
+    width = max(1, (1 << 22) // max(m, 1))  # 32 MiB of kernel values
     for start in range(0, len(z), width):
         k = landmarks.kernel.gram(landmarks.centres, z[start : start + width])
         f = solve_triangular(landmarks.corner, k, lower=True, check_finite=False)

@@ -10,15 +10,8 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial.transform import Rotation
 
 from eal import EmpiricalPotential, bounds
-from eal.arrays import Array
+from eal.arrays import Array, skew
 from eal.integrators import IntegrationError
-from eal.vectors import skew
-
-HALVINGS = 6
-"""A step that does not converge is taken in halves, at most so often."""
-SETTLED, GOOD, MOST = 1e-10, 1e-7, 20
-"""A step has converged where the mean velocity changes by less than the first share of itself; it is good enough where
-that is below the second after so many rounds."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,7 +125,7 @@ class Animal:
         values, vectors = np.linalg.eigh(np.sum([valley.hessian(angles) for valley in self.valleys], axis=0))
         return self.stiffness + self.strength_j * (vectors * np.maximum(values, 0.0)) @ vectors.T
 
-    def step(self, start: Moving, h_s: float, *, halvings: int = HALVINGS) -> tuple[Moving, Array]:
+    def step(self, start: Moving, h_s: float, *, halvings: int = 6) -> tuple[Moving, Array]:
         """One implicit midpoint step, and how the state at its end follows one near its start.
 
         With the mean velocity w = (v0 + v1) / 2, q1 = q0 + h w for angles and R1 = R0 exp(h omega) for the root, the
@@ -168,7 +161,7 @@ class Animal:
         solved[6:, 6:] += self.damping + half * stiff
         factors = lu_factor(solved)
         unknown, size = np.concatenate([np.zeros(3), before]), np.inf
-        for _ in range(MOST):
+        for _ in range(20):
             push, mean = unknown[:3], unknown[3:]
             middle = start.angles + half * mean[3:]
             velocity, acceleration = np.concatenate([np.zeros(3), mean]), np.concatenate([push, (mean - before) / half])
@@ -180,9 +173,9 @@ class Animal:
             change = lu_solve(factors, left)
             unknown = unknown - change
             size = float(np.abs(change[3:]).max()) / (1.0 + float(np.abs(unknown[3:]).max()))
-            if size <= SETTLED:
+            if size <= 1e-10:
                 break
-        if not size <= GOOD:
+        if not size <= 1e-7:  # converged below 1e-10; nearly so is good enough
             return self._halves(start, h_s, halvings)
         push, mean = unknown[:3], unknown[3:]
         turn_half, turn = (Rotation.from_rotvec(s * mean[:3]).as_matrix() for s in (half, h_s))

@@ -8,8 +8,7 @@ import numpy as np
 from mocap.filters.anatomy import Mass
 from mocap.filters.tree import Posed, Tree, turning_on
 
-from eal.arrays import Array
-from eal.vectors import cross, skew
+from eal.arrays import Array, cross, skew
 
 UNKNOWN_KG = 1.0
 """Mass of a limb of which no mass is stated: energies are then those of a kilogram of it."""

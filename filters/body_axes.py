@@ -9,9 +9,6 @@ from scipy.ndimage import gaussian_filter1d
 
 from eal.arrays import Array, frozen
 
-WIDEST = 1 << 20
-"""Frames to either side that a moving average looks at, at most: memory does not grow with the frame rate."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BodyFrames:
@@ -156,7 +153,7 @@ def _followed(
     prior = squares / (3 * seen[oriented].sum()) / loose_rad**2
     covariance = _covariance(points, seen, shape)
     width = 10 / (2 * np.pi * cutoff_hz * dt_s)
-    radius = min(int(4 * width + 0.5), WIDEST)
+    radius = min(int(4 * width + 0.5), 1 << 20)  # memory does not grow with the frame rate
     slow = gaussian_filter1d(covariance, width, axis=0, mode="constant", radius=radius)
     slow = nearest_rotation(slow + 1e-6 * covariance.mean(axis=0))
     known = np.linalg.svd(covariance, compute_uv=False)[:, 1:].sum(axis=1)

@@ -11,10 +11,6 @@ from eal.arrays import Array
 
 INDEPENDENT = 0.1
 """Neighbouring frames err alike: each counts as so many independent ones."""
-AT_ONCE = 1 << 20
-"""Distances that are looked at at once: 8 MiB of them."""
-LEAST = 0.005
-"""No distance is known better than to this share of it."""
 
 
 def learn_bones(trials: Sequence[MarkerTrial], ends: NDArray[np.int64]) -> Bones:
@@ -35,7 +31,7 @@ def learn_bones(trials: Sequence[MarkerTrial], ends: NDArray[np.int64]) -> Bones
     ok = freedom > 0
     ends, count, mean, known, freedom = ends[ok], count[:, ok], mean[:, ok], known[:, ok], freedom[ok]
     length = (count * mean).sum(axis=0) / count.sum(axis=0)
-    floor = (LEAST * length) ** 2
+    floor = (0.005 * length) ** 2  # no distance is known better than to half a percent
     within = np.maximum((spread.sum(axis=0) - noise.sum(axis=0))[ok] / freedom, floor)
     trials_known = known.sum(axis=0)
     differ = np.where(known, (mean - length) ** 2, 0.0).sum(axis=0) / np.maximum(trials_known - 1, 1)
@@ -54,7 +50,7 @@ def _distances(trial: MarkerTrial, ends: NDArray[np.int64]) -> tuple[Array, Arra
     Some pairs at a time: memory beside the trial does not grow with its frames times pairs.
     """
     out = [np.zeros(len(ends)) for _ in range(4)]
-    width = max(1, AT_ONCE // max(len(trial.xyz_m), 1))
+    width = max(1, 2**20 // max(len(trial.xyz_m), 1))  # 8 MiB of distances
     for start in range(0, len(ends), width):
         some = slice(start, start + width)
         a, b = ends[some].T

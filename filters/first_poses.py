@@ -11,13 +11,6 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from eal.arrays import Array
 
-EXEMPLARS = 200
-"""Poses of the trials that are tried in a frame."""
-KEPT = 4
-"""Of them so many go on, with their mirror images."""
-ROUNDS = 20
-"""Damped Newton steps of each start; the trajectory goes on from there."""
-
 
 def looks_like(prior: PosePrior, views: Views, camera: int, frame: int) -> Poses | None:
     """The starts of one frame: trial poses by scaled orthography, and their mirror images; None: too little is seen.
@@ -37,7 +30,8 @@ def looks_like(prior: PosePrior, views: Views, camera: int, frame: int) -> Poses
     across = np.linalg.svd(axis[None])[2][1:]
     ahead = rays @ axis
     q = rays @ across.T / ahead[:, None]
-    chosen = prior.shapes[np.linspace(0, len(prior.shapes) - 1, min(EXEMPLARS, len(prior.shapes))).astype(int)]
+    # 200 poses of the trials are tried in each frame
+    chosen = prior.shapes[np.linspace(0, len(prior.shapes) - 1, min(200, len(prior.shapes))).astype(int)]
     pose = (prior.mean + chosen @ prior.basis.T).reshape(len(chosen), -1, 3)[:, seen]
     middle = pose.mean(axis=1, keepdims=True)
     flat, target = pose - middle, q - q.mean(axis=0)
@@ -71,7 +65,7 @@ def _apart(shapes: Array, missed: Array) -> NDArray[np.int64]:
     for k in np.argsort(missed):
         if all(np.linalg.norm(shapes[k] - shapes[other]) > least for other in kept):
             kept.append(int(k))
-        if len(kept) == KEPT:
+        if len(kept) == 4:  # so many go on, with their mirror images
             break
     return np.array(kept)
 
@@ -88,7 +82,7 @@ def settled(recorded: Recorded, at: Poses, *, placed: bool = False) -> tuple[Pos
     n = 6 if placed else 6 + recorded.prior.rank
     damping = np.full(len(at.z), 1e-2)
     cost = usual.apart(at)
-    for _ in range(ROUNDS):
+    for _ in range(20):  # the trajectory goes on from there
         slope, form = usual.local(at)
         slope, form = slope[:, :n], form[:, :n, :n]
         diagonal = np.einsum("tii->ti", form)

@@ -22,12 +22,6 @@ from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run
 
 from eal.arrays import Array
 
-CANCELS = 1e4
-"""What becomes known better by this factor in variance is conditioned on by a sum of squares (Joseph), with 1 - K H by
-an inverse: of sixteen digits P - W^T W would lose as many as the factor has, as where a gap leaves metres and one ray
-a millimetre of them. Markers by themselves, whose matrices are small, always are."""
-
-
 MOST = 1e8
 """No observation makes anything known better by more than this factor in variance at once: of a sharper one a share of
 its information is taken first, and then the rest. 1 + H P H^T keeps half of its digits, whatever the noise."""
@@ -357,7 +351,9 @@ def condition(state: Moments, rows: Array, gains: Array, innovation: Array) -> t
     solved, log_det = whitened(spread, np.concatenate([gains, rows, innovation[..., None]], axis=-1))
     w, y, z = solved[..., :n], solved[..., n:-1], solved[..., -1]
     mean = state.mean + _times(_t(w), z)
-    if state.mean.ndim == 1 and widest < CANCELS:
+    # of sixteen digits P - W^T W loses as many as this factor has, as where a gap leaves metres and one ray a
+    # millimetre of them: then a sum of squares (Joseph), with 1 - K H by an inverse; so are markers by themselves
+    if state.mean.ndim == 1 and widest < 1e4:
         return Moments(mean, state.cov - _t(w) @ w), Update(y, w, z, log_det)
     near = state.cov[..., :, :reads] @ (_t(rows) @ rows)
     left = np.zeros(state.cov.shape)

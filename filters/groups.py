@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 
-MOST, GROUP = 60, 30
-"""Models of more markers than the first are filtered in groups of about the second."""
+MOST = 60
+"""Models of more markers than this are filtered in groups of about half as many."""
 
 Smooth = Callable[..., Estimate]
 Markers = NDArray[np.int64]
@@ -36,7 +36,7 @@ Markers = NDArray[np.int64]
 def groups_of(model: PoseMotion, size: int | None = None) -> list[Markers]:
     """Markers in groups of about equal size, markers that a bone or a limb joins in one group where there is room."""
     count = len(model.subspace.mean) // 3
-    wanted = -(-count // (size or GROUP))
+    wanted = -(-count // (size or MOST // 2))
     most = -(-count // wanted)
     units = _limbs(model) + ([] if model.bones is None else [ends.tolist() for ends in model.bones.ends])
     of = np.arange(count)

@@ -10,12 +10,10 @@ from mocap.filters.anatomy import Limb, anatomy_of
 from eal.arrays import Array
 
 JointType = Literal["ball", "universal", "hinge", "fixed"]
-LEAST_DEG = 10.0
-"""A degree of freedom moves through at least that angle (5th to 95th percentile), and four times the noise."""
-STRAIGHT_DEG = 15.0
-"""Two segments that bend by less have no plane that shows how the first is turned about its axis."""
 DOUBTED = 0.05
 """A bone that is stated as rigid and varies by a larger share of its length, noise taken out, is doubted."""
+STRAIGHT_DEG = 15.0
+"""Two segments that bend by less have no plane that shows how the first is turned about its axis."""
 LEAST_FRAMES = 20
 
 
@@ -132,7 +130,7 @@ def _joint(
         else:
             local = _local(along, body[:, before] - body[:, second], segment)
     spread, principal = _ranges_deg(local)
-    moves = spread >= max(LEAST_DEG, 4.0 * noise_deg / 3.3)
+    moves = spread >= max(10.0, 4.0 * noise_deg / 3.3)  # 4 SD: a normal law has 3.3 from the 5th to the 95th percentile
     kind: JointType = ("fixed", "hinge", "universal")[int(moves.sum())]
     if before is None and kind == "universal" and twist:
         kind = "ball"

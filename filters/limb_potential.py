@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from eal.arrays import Array
 
 GRID = 60
-_MARGIN = 0.25
 
 
 @dataclass(eq=False)
@@ -88,7 +87,7 @@ class HeldKeeper:
 def _grid(limb: PosePotential, samples: Array) -> tuple[Array, Array, Array]:
     """V_z over the plane; in all other coordinates each point is the mean of the samples near it, by a Gaussian."""
     low, high = samples.min(axis=0), samples.max(axis=0)
-    half = max(float((high - low).max()) * (0.5 + _MARGIN), 1e-9)
+    half = max(float((high - low).max()) * 0.75, 1e-9)
     x, y = ((low + high)[:, None] / 2 + np.linspace(-half, half, GRID)).reshape(2, GRID)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     away = cdist(points, samples, "sqeuclidean")

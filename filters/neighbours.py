@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 
-POWER = 4
-"""Weights are 1 / apart^4, of what two markers move apart by in units of the median, and a twentieth of it."""
 FIRM = 0.03
 """Share of the mean shape's extent that holds the frame where neighbours do not tell how they turn: on a line."""
 
@@ -44,7 +42,8 @@ class Neighbours:
             poses: See above.
             apart: (k,) see above.
         """
-        weight = (apart / max(float(np.median(apart)), 1e-12) + 0.05) ** -float(POWER)
+        # in units of the median, and a twentieth of it: what keeps its distance weighs most
+        weight = (apart / max(float(np.median(apart)), 1e-12) + 0.05) ** -4.0
         points = poses[:, which]
         weight /= weight.sum()
         mean = points.mean(axis=0)

@@ -27,23 +27,11 @@ from scipy.special import expit
 
 from eal.arrays import Array
 
-STARTS = 3
-"""Starts are looked for so many times while the motion turns by a radian."""
-UNDECIDED = 0.05
-"""A trajectory that starts from mirror images is told of where it is more probable than this."""
-
-
 ROUGHLY = 1.0
 """Trials that are left out are tracked until nothing moves by so many deviations: numbers by under 1 % of theirs."""
 
 ALARMS = 0.01
 """Share of the frames of a trial like those that were learned from whose poses are called unlike them."""
-
-DISTANCE = 20
-"""Of a camera, in RMS distances of markers from the middle of the animal: it has that in a picture 6 degrees wide."""
-
-SAME = 0.01
-"""Two ends of the search are one where they differ by less than this share of the animal's size."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -221,7 +209,7 @@ def track_views(
     ends.sort(key=lambda end: end[1][-1])
     (best, lower), (second, higher) = ends[0], ends[-1]
     apart = (recorded.markers(second) - recorded.markers(best)).reshape(len(best.z), -1)
-    same = np.sqrt(np.mean(apart**2)) < SAME * np.sqrt(np.mean(prior.mean**2))
+    same = np.sqrt(np.mean(apart**2)) < 0.01 * np.sqrt(np.mean(prior.mean**2))  # of the animal: one end
     other = 0.0 if same else float(expit((lower[-1] - higher[-1]) / prior.lasts))
     tell(0.8)
     held, costs, loose = recorded, lower, False
@@ -235,7 +223,7 @@ def track_views(
     wider = np.sqrt(np.interp(unlike, doubted.strange, doubted.wider))
     for lag, part in enumerate(lags):
         part *= (wider[lag:] * wider[: len(xyz) - lag])[:, None, None]
-        if other > UNDECIDED:
+        if other > 0.05:
             part += other * (1 - other) * apart[lag:, :, None] * apart[: len(xyz) - lag, None]
     blocks = lags[0].reshape(len(xyz), prior.markers, 3, prior.markers, 3)
     estimate = Estimate(
@@ -288,7 +276,7 @@ def _axes(views: Views, at: Poses) -> Array:
 
 def every_so_many(prior: PosePrior) -> int:
     """Frames from one start to the next."""
-    return max(1, round(prior.turn_s / prior.dt_s / STARTS))
+    return max(1, round(prior.turn_s / prior.dt_s / 3))  # three while the motion turns by a radian
 
 
 def strange(recorded: Recorded, at: Poses) -> Array:
@@ -393,7 +381,8 @@ def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noi
     """
     turn = axes @ Rotation.from_matrix(at.rotation).mean().as_matrix().T
     middle = np.mean(at.position_m, axis=0)
-    distance = DISTANCE * np.sqrt(np.sum(prior.mean**2) / prior.markers) + float(
+    # 20 RMS distances of markers from the middle: a picture 6 degrees wide
+    distance = 20 * np.sqrt(np.sum(prior.mean**2) / prior.markers) + float(
         np.abs((at.position_m - middle) @ turn[2]).max()
     )
     local = (trial.xyz_m - middle) @ turn.T + [0.0, 0.0, distance]

@@ -9,8 +9,7 @@ from mocap.filters.trajectory import Quadratic
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import skew
+from eal.arrays import Array, skew
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -67,13 +67,11 @@ def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames, sd_m: Array | None 
     return PoseTrial(t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1), sd_m=sd_m)
 
 
-BODY_HZ = 3.0
-"""Faster motion of the trunk is left to the shape."""
 LEAST_KNOWN = 0.8
 """Poses known better than this (``Components.known``) are learned from."""
 
 
-def poses_of(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float = BODY_HZ) -> list[PoseTrial]:
+def poses_of(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float = 3.0) -> list[PoseTrial]:
     """Poses of trials about one body: its axes are those of the mean shape of all their trunks.
 
     Args:

@@ -15,8 +15,6 @@ from scipy.special import fdtri
 
 from eal.arrays import Array
 
-CERTAIN = 0.999
-"""Probability with which what varies less must vary less: of a hundred markers' few hundred sets one is by chance."""
 LEAST = 3
 """Markers of a body: two have no axes."""
 WOBBLES_DEG = 5.0
@@ -83,7 +81,7 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
             continue
         pairs = np.array(np.triu_indices(len(members), 1))
         shown = float(np.median(samples[members][:, members][pairs[0], pairs[1]]))
-        least = float(fdtri(shown, shown, CERTAIN))
+        least = float(fdtri(shown, shown, 0.999))  # of a hundred markers' few hundred sets one is by chance
         others = np.setdiff1d(np.arange(count), members)
         if len(others):
             ratio = (float(heights[others][:, members].max(axis=1).min()) / height) ** 2
@@ -128,8 +126,6 @@ def wobble_deg(xyz: Array) -> float:
 
 FREE = 1e4
 """Variance of a body's rigid motion over that of its markers' places: nothing is known of it, to eight digits."""
-ROUNDS = 8
-"""Rounds of expectation and maximisation; places are known after two or three."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +171,7 @@ def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
     free = max(float(np.nanmean(left**2)), 1e-18)
     weight = float(np.median(independent_samples(np.where(np.isfinite(left), left, 0.0))))
     mean, spread = np.zeros(size), free * inner
-    for _ in range(ROUNDS):
+    for _ in range(8):  # places are known after two or three rounds
         found = moments(
             left, 1.0, Normal(mean, spread + FREE * free * motions @ motions.T + 1e-6 * free * np.eye(size))
         )

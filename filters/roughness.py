@@ -11,10 +11,6 @@ RATES = 2.0 ** np.arange(-2, 3.5, 0.5)
 """Multiples of the usual rate that are looked at."""
 NOISES = 2.0 ** np.arange(-0.75, 0.25, 0.25)
 """Multiples of the stated noise that are looked at, as scales of Student's t."""
-DOF = 4.0
-"""Degrees of freedom of measured coordinates' errors: those that digitised points have where little is known."""
-NORMAL = 1e6
-"""With so many degrees of freedom Student's t is the normal law."""
 MOST_FRAMES = 400
 """Of longer recordings so many frames in the middle are looked at."""
 
@@ -41,9 +37,9 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, usual
     middle = max(0, (len(residual) - MOST_FRAMES) // 2)
     part, rates = slice(middle, middle + MOST_FRAMES), usual_hz * RATES
     likelihoods = partial(_likelihoods, residual[part], dt_s=dt_s, sd=sd, rates=rates)
-    together = [likelihoods(factor * noise_sd[part], dof=DOF).sum(axis=1) for factor in NOISES]
+    together = [likelihoods(factor * noise_sd[part], dof=4.0).sum(axis=1) for factor in NOISES]
     least = int(max(together, key=np.max).argmax())
-    own = likelihoods(noise_sd[part], dof=NORMAL)[least:]
+    own = likelihoods(noise_sd[part], dof=1e6)[least:]  # so many degrees of freedom are the normal law
     return np.repeat(rates[least + own.argmax(axis=0)], 3)
 
 

@@ -20,7 +20,6 @@ from eal.arrays import Array
 SETTLED = 0.05
 """Nothing moves by more than so many of its standard deviations in the last step: the length of a step in the metric
 of its matrix bounds that of every number, and of every sum of numbers."""
-MOST_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,7 +140,7 @@ def most_probable(
     if not np.isfinite(least):
         raise FilterError("the most probable trajectory: the start is impossible")
     form = problem.quadratic(at)
-    for _ in range(MOST_STEPS):
+    for _ in range(100):
         try:
             step = factor(form, damping).solve(-form.gradient)
         except np.linalg.LinAlgError:
@@ -167,4 +166,4 @@ def most_probable(
             return at
         else:
             damping = max(10 * damping, 1e-6)
-    raise FilterError(f"the most probable trajectory was not found in {MOST_STEPS} steps: the last still moved it")
+    raise FilterError("the most probable trajectory was not found in 100 steps: the last still moved it")

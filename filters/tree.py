@@ -8,17 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import cross, skew
+from eal.arrays import Array, cross, skew
 
 _NEAR = 1e-2
 """Squared angle below which series stand for quotients that lose digits."""
 AT_ONCE = 200
 """Frames that are fitted at once."""
-MOST_STEPS = 20
-"""Of ``fit_poses``."""
-SETTLED = 1e-3
-"""A frame is fitted when a step turns nothing by more than so many radians."""
 
 
 class Posed(NamedTuple):
@@ -216,7 +211,7 @@ def _fit(tree: Tree, xyz: Array, sd: Array, root: tuple[float, float]) -> tuple[
     prior = np.concatenate([np.full(3, root[0] * extent), np.full(3, root[1]), np.ones(freedoms)]) ** -2.0
     normal = np.zeros((count, freedoms + 6, freedoms + 6))
     moving = np.arange(count)
-    for _ in range(MOST_STEPS):
+    for _ in range(20):
         bent, turn = angles[moving], rotation[moving]
         posed = tree.pose(bent)
         inside = tree.markers(posed)
@@ -235,7 +230,7 @@ def _fit(tree: Tree, xyz: Array, sd: Array, root: tuple[float, float]) -> tuple[
         step *= np.minimum(1.0, 0.5 / np.maximum(size, 1e-12))[:, None]
         shift[moving], angles[moving] = shift[moving] + step[:, :3], bent + step[:, 6:]
         rotation[moving] = Rotation.from_rotvec(step[:, 3:6]).as_matrix() @ turn
-        moving = moving[size > SETTLED]
+        moving = moving[size > 1e-3]  # radians
         if not len(moving):
             break
     left = np.einsum("tii->ti", np.linalg.inv(normal)) * prior

@@ -7,15 +7,12 @@ from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 
 from eal.arrays import Array
 
-STIFFEST = 1e12
-"""Greatest penalty of a smoother beside a weight of 1."""
-
 
 def smooth_series(y: Array, weight: Array, *, dt_s: float, cutoff_hz: float) -> Array:
     """Whittaker's smoother: minimise sum w (x - y)^2 + p sum (second difference of x)^2.
 
     p = (2 pi cutoff dt)^-4, so that a sine of ``cutoff_hz`` is halved; samples of weight 0 are bridged by cubics, and
-    continued by straight lines before the first and after the last. p is at most ``STIFFEST``
+    continued by straight lines before the first and after the last. p is at most 1e12
     times the greatest weight (a cutoff of 0.0001 of the frame rate): double precision solves nothing stiffer.
 
     Args:
@@ -59,7 +56,7 @@ def smoother(weight: Array, *, dt_s: float, cutoff_hz: float) -> Callable[[Array
 def _whittaker(weight: Array, *, dt_s: float, cutoff_hz: float) -> Array:
     """(3, T) upper bands of the equations of ``smooth_series``; nothing reaches beyond the ends."""
     n = len(weight)
-    penalty = min((2 * np.pi * cutoff_hz * dt_s) ** -4, STIFFEST * float(weight.max()))
+    penalty = min((2 * np.pi * cutoff_hz * dt_s) ** -4, 1e12 * float(weight.max()))
     bands = np.zeros((3, n))
     bands[2] = weight
     for offset, factor in ((0, penalty), (1, 4 * penalty), (2, penalty)):

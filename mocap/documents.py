@@ -13,8 +13,6 @@ from typing import Any, BinaryIO
 
 from mocap.errors import FormatError
 
-MOST_BYTES = 1 << 26
-"""The largest documents of ours are manifests, 130 bytes a file: this is half a million files."""
 DEEPEST = 32
 """Levels of lists and tables in a document; ours have 8 at most."""
 
@@ -55,7 +53,7 @@ def check_regular(path: Path) -> None:
         raise FormatError(f"{path}: is no regular file (a pipe or a device): give a file")
 
 
-def regular_bytes(path: Path, *, most: int = MOST_BYTES, follow: bool = True) -> bytes:
+def regular_bytes(path: Path, *, most: int = 2**26, follow: bool = True) -> bytes:
     """The content of a regular file of limited size; arguments and errors as of ``open_regular``.
 
     Raises:

@@ -22,8 +22,7 @@ from mocap.cli.help import ROOMS, topics
 from mocap.cli.main import COMMANDS, INSTALLING
 from mocap.cli.main import PAGES as COMMAND_PAGES
 from mocap.errors import FormatError, MocapError
-from mocap.io.format import Hints
-from mocap.io.head import head
+from mocap.io.format import Hints, head
 from mocap.io.registry import read_as
 
 ROOT = Path(__file__).resolve().parents[1]

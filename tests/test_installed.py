@@ -68,7 +68,7 @@ def demo(installed, tmp_path_factory):
     where = run_there(installed, folder, "-c", "import mocap.filters, mocap.datasets, eal; print(mocap.__file__)")
     assert where.stdout.startswith(str(installed)), where.stderr
     shorter = "from functools import partial; from mocap.pipeline import demo; "
-    shorter += "demo.run_demo = partial(demo.run_demo, n_frames=150); "
+    shorter += "demo.run_demo = partial(demo.run_demo, n_frames=100); "
     command = shorter + "from mocap.cli.main import main; main()"
     done = run_there(installed, folder, "-c", command, "demo", "bat", "--out", "out")
     assert done.returncode == 0, done.stderr

@@ -10,8 +10,8 @@ from mocap.datasets.bats import Manoeuvre, bat_motion
 from mocap.datasets.film import film
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, lizard_skeleton
 from mocap.datasets.observe import Digitiser
+from mocap.datasets.recording import Motion, Scene
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
-from mocap.datasets.scene import Motion, Scene
 
 from benchmarks.gaps.method import Film
 from benchmarks.gaps.prepared import prepared_film

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from functools import lru_cache
 from importlib.metadata import Distribution, PackageNotFoundError, PackagePath, distribution
 from pathlib import Path
 
@@ -39,15 +40,23 @@ def licence(found: Distribution) -> str:
     told = found.metadata
     classes = [c.rpartition(":: ")[2] for c in told.get_all("Classifier", []) if c.startswith("License ::")]
     classes = [c for c in classes if c not in ("OSI Approved", "DFSG approved")]
+    if stated := told.get("License-Expression") or " and ".join(classes):
+        return stated
     texts = [told.get("License") or "", *(path.read_text() for path in notices(found))]
     firsts = [next((line.strip("# ") for line in text.splitlines() if line.strip()), "") for text in texts]
     short = next((first for first in firsts if 0 < len(first) < 60), "")
-    return told.get("License-Expression") or " and ".join(classes) or short or "see its files"
+    return short or "see its files"
+
+
+@lru_cache(maxsize=1)
+def paths_of(found: Distribution) -> list[PackagePath]:
+    """All files of a wheel."""
+    return list(found.files or ())
 
 
 def bundled(found: Distribution) -> list[str]:
     """Shared libraries of other projects in a wheel, by name; those that are linked into modules cannot be seen."""
-    paths = [str(path) for path in found.files or ()]
+    paths = [str(path) for path in paths_of(found)]
     names = {match[1] or match[2] for path in paths if not _MODULE.search(path) and (match := _SHARED.search(path))}
     own = {canonicalize_name(str(found.metadata["Name"])).replace("-", "")}
     return sorted(name for name in names if name.lower().replace("_", "").replace("-", "") not in own)
@@ -55,7 +64,7 @@ def bundled(found: Distribution) -> list[str]:
 
 def notices(found: Distribution) -> list[PackagePath]:
     """Files with licences and notices in a wheel."""
-    return [path for path in found.files or () if _NOTICES.search(path.name) and ".py" not in path.suffix]
+    return [path for path in paths_of(found) if _NOTICES.search(path.name) and ".py" not in path.suffix]
 
 
 def _needed(lines: Iterable[str], extra: str, seen: set[tuple[str, str]]) -> set[tuple[str, str]]:

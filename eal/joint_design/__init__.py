@@ -3,11 +3,10 @@
 from eal.joint_design.design import GOAL, Design, design_truss
 from eal.joint_design.equilibrium import Equilibria, equilibria
 from eal.joint_design.laws import DesignError, Law
-from eal.joint_design.limits import Limits
 from eal.joint_design.measures import LEVELS, Fit, Tolerance, measure, potential_doubt, tolerance_study
 from eal.joint_design.path import Followed, Snap, follow, over_grid
 from eal.joint_design.release import Release, recorded_velocities, release, truss_penalty
-from eal.joint_design.target import Target, make_target
+from eal.joint_design.target import Limits, Target, make_target
 from eal.joint_design.truss import Truss, member_forces
 
 __all__ = [

@@ -8,16 +8,12 @@ import numpy as np
 from eal.arrays import Array
 from eal.joint_design.ground import candidates, fixed_nodes, sparse, with_members
 from eal.joint_design.laws import DesignError, Law, Mask, energy_and_slope
-from eal.joint_design.limits import Limits, broken
 from eal.joint_design.measures import measure, overlap
 from eal.joint_design.path import over_grid
 from eal.joint_design.refine import refine
-from eal.joint_design.target import Target
+from eal.joint_design.target import Limits, Target, broken
 from eal.joint_design.truss import Truss
 from eal.threads import one_blas_thread
-
-_BRACE = 0.3
-"""Stiffness of a new brace over that of the member that it holds."""
 
 
 def with_internal_node(truss: Truss, target: Target, rng: np.random.Generator) -> Truss:
@@ -49,7 +45,7 @@ def with_internal_node(truss: Truss, target: Target, rng: np.random.Generator) -
         internal_m=np.concatenate([truss.internal_m, place[None]]),
         ends=np.concatenate([ends, [[node, truss.moving], [brace, node]]]),
         rest_m=np.append(rest, [rest[opened], np.linalg.norm(truss.fixed_m[brace] - place)]),
-        stiffness_n_m=np.append(stiffness, [stiffness[opened], _BRACE * stiffness[opened]]),
+        stiffness_n_m=np.append(stiffness, [stiffness[opened], 0.3 * stiffness[opened]]),
         laws=(*laws, laws[opened], "linear"),
     )
 
@@ -88,10 +84,7 @@ _ALPHAS = (3e-4, 3e-3)
 _LINES = {2: 12, 3: 6}
 """Grid lines of fixed nodes within reach each way, in the plane and in space."""
 
-_ROUNDS = 3
-"""Times that the refined members join the candidates, and members are selected and refined again."""
 
-_EVALUATIONS = 40
 _IDLE = 0.01
 GOAL = 0.1
 """RMS inside the region that a design should reach."""
@@ -153,7 +146,7 @@ def design_truss(
     if 2 * internal + 2 > limits.members:
         raise DesignError(f"{internal} internal nodes need {2 * internal + 2} members, but members is {limits.members}")
     found: list[tuple[Truss, float]] = []
-    crossed, rounds = 0, 1 if internal else _ROUNDS
+    crossed, rounds = 0, 1 if internal else 3  # refined members join the candidates
     with one_blas_thread():  # the same on any number of cores
         for start in range(starts):
             nodes = fixed_nodes(target, limits, rng, mirror=mirror, lines=_LINES[target.q.shape[1]])
@@ -163,7 +156,7 @@ def design_truss(
                 truss, stored = sparse(target, offered, most=limits.members - 2 * internal, alpha=alpha)
                 for _ in range(internal):
                     truss = with_internal_node(truss, target, rng)
-                truss, stored = refine(target, truss, stored, limits, mirror=mirror, evaluations=_EVALUATIONS)
+                truss, stored = refine(target, truss, stored, limits, mirror=mirror, evaluations=40)
                 progress((start + (i + 1) / rounds) / starts)
                 if not may_cross and crossings(truss, target):
                     crossed += 1

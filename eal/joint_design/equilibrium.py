@@ -12,12 +12,7 @@ import numpy as np
 from eal.arrays import Array
 from eal.joint_design.laws import Mask
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
-from eal.optional_jax import jax, jnp
-
-ITERATIONS = 60
-_MEMBERS = 12
-_POSITIONS = 16
-"""Trusses are filled up to a multiple of so many members, and positions to 16, 64, 256, ...: few shapes compiled."""
+from eal.needs import jax, jnp
 
 TOLERANCE = 1e-9
 """Largest Newton step over the largest rest length, at which an equilibrium counts as found."""
@@ -59,7 +54,7 @@ def equilibria(truss: Truss, q_m: Array, x_m: Array | None = None) -> Equilibria
     q = np.asarray(q_m, dtype=np.float64).reshape(-1, truss.dimension)
     start = np.broadcast_to(truss.internal_m if x_m is None else x_m, (len(q), *truss.internal_m.shape))
     n, m = len(q), len(truss.rest_m)
-    full = truss.padded(-(-m // _MEMBERS) * _MEMBERS, -(-truss.moving // _MEMBERS) * _MEMBERS)
+    full = truss.padded(-(-m // 12) * 12, -(-truss.moving // 12) * 12)  # multiples of 12: few shapes are compiled
     with jax.enable_x64(True):
         found = _solver(_filled(q), _filled(start), full.parameters())
     x, energy, force, stiffness, stable, stretch, step = (np.asarray(part)[:n] for part in found)
@@ -77,7 +72,7 @@ def equilibria(truss: Truss, q_m: Array, x_m: Array | None = None) -> Equilibria
 
 def _filled(rows: Array) -> Array:
     """Rows up to the next of 16, 64, 256, ..."""
-    count = _POSITIONS
+    count = 16  # 16, 64, 256, ...
     while count < len(rows):
         count *= 4
     return np.concatenate([rows, np.repeat(rows[-1:], count - len(rows), axis=0)])
@@ -114,7 +109,7 @@ def descend(q: Any, x0: Any, p: dict[str, Any]) -> tuple[Any, Any]:
         return flat + share * step, jnp.linalg.norm(step), count + 1
 
     def going(state: tuple[Any, Any, Any]) -> Any:
-        return (state[1] > 0.1 * TOLERANCE * jnp.max(p["rest"])) & (state[2] < ITERATIONS)
+        return (state[1] > 0.1 * TOLERANCE * jnp.max(p["rest"])) & (state[2] < 60)
 
     flat, step, _ = jax.lax.while_loop(going, newton, (x0.reshape(-1), jnp.asarray(jnp.inf), 0))
     return flat.reshape(x0.shape), step

@@ -15,8 +15,7 @@ from scipy.optimize import minimize
 
 from eal.arrays import Array
 from eal.joint_design.laws import DesignError, Law, energy_and_slope
-from eal.joint_design.limits import Limits, broken
-from eal.joint_design.target import Target
+from eal.joint_design.target import Limits, Target, broken
 from eal.joint_design.truss import Truss
 
 REST_LENGTHS = 7

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.optional_jax import jax, jnp
+from eal.needs import jax, jnp
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -28,9 +28,6 @@ class DesignError(ValueError):
 
 TAPE_STRAIN = 0.15
 """Strain at which a tape spring's force peaks."""
-
-TAPE_PLATEAU = 0.3
-"""What of a tape spring's force comes from the part that does not fall again."""
 
 
 def linear(s: Any) -> Any:
@@ -67,7 +64,7 @@ def tape(s: Any) -> Any:
     e2 = (s - 1.0) ** 2
     peak = c2 * (1.0 - jnp.exp(-e2 / (2.0 * c2)))
     plateau = c2 * (jnp.sqrt(1.0 + e2 / c2) - 1.0)
-    return (1.0 - TAPE_PLATEAU) * peak + TAPE_PLATEAU * plateau
+    return (1.0 - 0.3) * peak + 0.3 * plateau  # a part of the force does not fall again
 
 
 def pushes(laws: Sequence[Law]) -> Mask:

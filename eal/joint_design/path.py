@@ -9,16 +9,12 @@ from scipy.sparse.csgraph import breadth_first_order, dijkstra
 
 from eal.arrays import Array
 from eal.joint_design.equilibrium import Equilibria, equilibria
-from eal.joint_design.laws import Indices
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss, truss_energy
-from eal.optional_jax import jax, jnp
+from eal.needs import jax, jnp
 
 FINEST = 1e-7
 """Share of a segment of the path down to which the end of a branch is bracketed."""
-
-_KICK = 1e-4
-"""How far an unstable equilibrium is pushed off, over the largest rest length."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,7 +98,7 @@ def _segment(truss: Truss, q0: Array, q1: Array, x: Array, number: int) -> tuple
 
 def _fall(truss: Truss, q: Array, x: Array, p: dict[str, Any], size: float) -> tuple[Array, float]:
     softest = np.asarray(_softest(q, x, p)).reshape(x.shape)
-    pushed = np.stack([x + _KICK * size * softest, x - _KICK * size * softest])
+    pushed = np.stack([x + 1e-4 * size * softest, x - 1e-4 * size * softest])
     ends = equilibria(truss, np.stack([q, q]), pushed)
     best = int(np.argmin(ends.energy_j))
     before = float(truss_energy(jnp.asarray(q), jnp.asarray(x), {k: jnp.asarray(v) for k, v in p.items()}))
@@ -122,22 +118,7 @@ def over_grid(truss: Truss, target: Target, scale_m: float = 1.0) -> Equilibria:
     q = target.q * scale_m
     if not truss.internal_m.size:
         return equilibria(truss, q)
-    order, parent = _valleys(target)
-    depth = np.zeros(len(q), dtype=np.int64)
-    for node in order[1:]:
-        depth[node] = depth[parent[node]] + 1
-    x = np.broadcast_to(truss.internal_m, (len(q), *truss.internal_m.shape)).copy()
-    x[order[0]] = equilibria(truss, q[order[:1]]).x_m[0]
-    for level in range(1, int(depth.max()) + 1):
-        rows = np.flatnonzero(depth == level)
-        for share in (0.25, 0.5, 0.75, 1.0):
-            way = q[parent[rows]] + share * (q[rows] - q[parent[rows]])
-            x[rows] = equilibria(truss, way, x[parent[rows] if share == 0.25 else rows]).x_m
-    return equilibria(truss, q, x)
-
-
-def _valleys(target: Target) -> tuple[Indices, Indices]:
-    """Points in the order of a tree of cheapest ways from the lowest, and the parent of each."""
+    # points in the order of a tree of cheapest ways from the lowest, and the parent of each
     index = np.arange(len(target.q)).reshape(target.shape)
     pairs = [
         np.stack([np.moveaxis(index, k, 0)[:-1].ravel(), np.moveaxis(index, k, 0)[1:].ravel()])
@@ -151,7 +132,17 @@ def _valleys(target: Target) -> tuple[Indices, Indices]:
     child = np.flatnonzero(before >= 0)
     tree = coo_array((np.ones(len(child)), (before[child], child)), shape=graph.shape).tocsr()
     order, parent = breadth_first_order(tree, root)
-    return order, parent
+    depth = np.zeros(len(q), dtype=np.int64)
+    for node in order[1:]:
+        depth[node] = depth[parent[node]] + 1
+    x = np.broadcast_to(truss.internal_m, (len(q), *truss.internal_m.shape)).copy()
+    x[order[0]] = equilibria(truss, q[order[:1]]).x_m[0]
+    for level in range(1, int(depth.max()) + 1):
+        rows = np.flatnonzero(depth == level)
+        for share in (0.25, 0.5, 0.75, 1.0):
+            way = q[parent[rows]] + share * (q[rows] - q[parent[rows]])
+            x[rows] = equilibria(truss, way, x[parent[rows] if share == 0.25 else rows]).x_m
+    return equilibria(truss, q, x)
 
 
 @jax.jit

@@ -10,19 +10,9 @@ from scipy.optimize import least_squares
 from eal.arrays import Array
 from eal.joint_design.equilibrium import descend
 from eal.joint_design.laws import pulls, pushes
-from eal.joint_design.limits import Limits
-from eal.joint_design.target import Target
+from eal.joint_design.target import Limits, Target
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
-from eal.optional_jax import jax, jnp
-
-STRICT = 3.0
-"""Weight of a limit that is broken by its own size, beside a difference of 1 in all of the region."""
-
-_INSET = 0.01
-"""Limits are kept by this share in the fit, so that a finer grid breaks none of them."""
-
-_GOLDEN_RAD = 2.399963
-"""Directions in which nodes that coincide are parted."""
+from eal.needs import jax, jnp
 
 
 def refine(
@@ -111,7 +101,7 @@ def refine(
 
 def _parted(nodes: Array, distance: float) -> Array:
     """Nodes moved a little, each another way, so that two that coincide can go apart."""
-    angle = _GOLDEN_RAD * np.arange(len(nodes))
+    angle = 2.399963 * np.arange(len(nodes))  # the golden angle
     away = np.zeros_like(nodes)
     away[:, 0], away[:, 1] = np.cos(angle), np.sin(angle)
     return nodes + distance * away
@@ -165,11 +155,12 @@ def _compiled(shape: tuple[int, int, int]) -> tuple[Any, Any, Any]:
         low = energy(data["outside"], x_outside, p) - root**2 - data["level"]
         points = jnp.concatenate([off, jnp.minimum(low, 0.0)]) / jnp.sqrt(len(data["v"]))
         lengths = jax.vmap(member_lengths, (0, 0, None))(data["inside"], x_inside, p)
-        held = STRICT * jnp.maximum(excess(lengths, p, data) + _INSET, 0.0)
+        # a limit broken by its own size weighs 3; kept by 1 % so that a finer grid breaks none
+        held = 3.0 * jnp.maximum(excess(lengths, p, data) + 0.01, 0.0)
         return jnp.concatenate([points, held, data["limits"]["prestress"] * root[None]])
 
     def excess(lengths: Any, p: dict[str, Any], data: Any) -> Any:
-        """What ``eal.joint_design.limits.broken`` says, for all members and nodes that are real."""
+        """What ``eal.joint_design.target.broken`` says, for all members and nodes that are real."""
         limits, real = data["limits"], data["real"]
         least, most = lengths.min(axis=0), lengths.max(axis=0)
         members = [

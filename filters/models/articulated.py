@@ -23,13 +23,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 
-KNOWN = 0.97
-"""An angle is a sample where a frame leaves less than 3 % of the variance of a radian: 10 degrees."""
-SKIN = 0.03
-"""Markers slip by about that share of a segment, before it is known by how much."""
 ROOT = 0.01, 0.03
 """A trunk is near the body's path: to that share of the animal's extent, and in radians (``_with_riders``)."""
-LEAST_FRAMES = 20
 MOST_FRAMES = 4000
 """Of other recordings, from which joints and angles are learned."""
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
@@ -254,7 +249,7 @@ def lengths(build: Build, body: Array, sd_m: Array) -> tuple[Array, Array]:
     count = np.isfinite(squared).sum(axis=0)
     mean = np.where(count > 0, np.nansum(squared, axis=0) / np.maximum(count, 1), np.nan)
     spread = np.sqrt(np.nansum((squared - mean) ** 2, axis=0) / np.maximum(0.1 * count**2, 1))
-    length = np.sqrt(np.where((count >= LEAST_FRAMES) & (mean > 0), mean, np.nan))
+    length = np.sqrt(np.where((count >= 20) & (mean > 0), mean, np.nan))
     return length, spread / (2 * length)
 
 
@@ -269,7 +264,7 @@ def learn_articulated(
     build = find_build(np.concatenate(body), np.concatenate(noise), tree_anatomy, chain=not anatomy.limbs)
     usual, _ = lengths(build, np.concatenate(body), np.concatenate(noise))
     usual = np.where(np.isfinite(usual), usual, np.nanmedian(usual))
-    skin = SKIN * float(np.median(usual))
+    skin = 0.03 * float(np.median(usual))  # a usual slip, before it is known
     build, trees, found = _with_riders(build, usual, body, noise, skin, chain=not anatomy.limbs)
     slipped = [_slip(*parts) for parts in zip(trees, found, body, strict=True)]
     places = [_mean(one) for one in slipped]
@@ -399,7 +394,8 @@ def _arms(tree: Tree) -> Array:
 def _samples(fitted: FittedPoses, arms: Array, columns: NDArray[np.int64], width: int) -> Array:
     """(T, 3J) angles in arc length, NaN where not known; three columns a joint, of which it may leave some at 0."""
     out = np.zeros((len(fitted.angles), width))
-    out[:, columns] = np.where(fitted.known[:, 6:] > KNOWN, fitted.angles * arms, np.nan)
+    # a sample where the frame leaves 3 % of the variance of a radian: 10 degrees
+    out[:, columns] = np.where(fitted.known[:, 6:] > 0.97, fitted.angles * arms, np.nan)
     return out
 
 

@@ -29,10 +29,6 @@ TOGETHER = 25
 """Gaps of a marker that are filled at once, at most."""
 LAGS = np.array((-1.2, -0.4, 0.0, 0.4, 1.2))
 """Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot)."""
-CUTOFF = 4.0
-"""Faster motion in a gap is taken for noise, in radians a unit of the same time."""
-ROWS, OWN = 300, 150
-"""Frames to learn from, at most: of the other trials, and of the trial itself, besides those at the edges of gaps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +77,7 @@ def fill_delayed(
         m = gap.marker
         if np.isfinite(y[gap.inside, m]).all():
             path = np.where(seen[:, m, None], track[:, m], y[:, m])
-            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, CUTOFF / known.tau)
+            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, 4.0 / known.tau)  # rad per unit
     xyz = np.einsum("tij,tmj->tmi", frames.rotation, y) + frames.position_m[:, None]
     return Estimate(xyz_m=xyz, cov_m2=np.einsum("tij,tmjl,tkl->tmik", frames.rotation, spread, frames.rotation))
 
@@ -106,7 +102,7 @@ class Delayed:
         self._seen = np.concatenate([np.isfinite(trial.y[:, ::3]) for trial in trials])
         known = known_shapes(shapes)
         rows = [(k, frame) for k, mask in enumerate(known[:-1]) for frame in np.flatnonzero(mask)]
-        self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), ROWS)]
+        self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), 300)]  # at most
         self._own = known[-1]
         self._apart = _apart(self.poses[np.concatenate(known)])
 
@@ -133,7 +129,7 @@ class Delayed:
         marker, others = gaps[0].marker, gaps[0].others
         edges = np.unique(np.concatenate([gap.edges for gap in gaps]))
         inside = np.concatenate([gap.inside for gap in gaps])
-        frames = self._frames(marker, edges, rows=ROWS, own=OWN)
+        frames = self._frames(marker, edges, rows=300, own=150)  # beside the edges of gaps
         if len(frames) < 2:
             return
         asked = np.column_stack([np.full(len(inside), self._last), inside])

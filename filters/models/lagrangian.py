@@ -22,8 +22,6 @@ FLESH = 0.3
 """Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest."""
 CHARGED = 0.1
 """An unseen pose of the same motion is charged so much of the mean kinetic energy."""
-FOLLOWED = 1.0
-"""omega h up to which a step h follows the fastest oscillation in V_z: a stiffer one would throw a limb out of it."""
 
 
 def bodies_of(model: ArticulatedMotion, anatomy: Anatomy, trunk: float) -> Bodies:
@@ -98,7 +96,8 @@ def with_lagrangian(
     found, strength = _valleys(model, 0.5 * float(np.trace(rates)), settings)
     curved = sum((v.potential.curvature_limit * v.scale.T @ v.scale for v in found), np.zeros((count, count)))
     fastest = float(eigh(curved, root.T @ root, eigvals_only=True)[-1])  # of V_z alone, squared, for 1/eps^2 = 1 J
-    strength = min(strength, (FOLLOWED / motion.dt_s) ** 2 / max(fastest, 1e-30))
+    # omega h <= 1: a stiffer V_z would throw a limb out of it
+    strength = min(strength, (1.0 / motion.dt_s) ** 2 / max(fastest, 1e-30))
     animal = Animal(
         bodies=bodies,
         rest_rad=rest,

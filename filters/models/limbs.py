@@ -14,8 +14,6 @@ from eal import RotationKernel
 from eal.arrays import Array
 
 Learn = Callable[..., Callable[[Array], Array]]
-ALIKE = 0.3
-"""Sides whose mean poses differ by a smaller share than this, once one is reflected, are pooled."""
 
 
 def limb_potentials(
@@ -133,4 +131,4 @@ def sides(mean_pose: Array, anatomy: Anatomy) -> Array | None:
     if not anatomy.mirror or all(i == m for i, m in enumerate(anatomy.mirror)):
         return None
     turn, missed = reflection(mean_pose.reshape(-1, 3), anatomy.mirror)
-    return turn if missed < ALIKE else None
+    return turn if missed < 0.3 else None

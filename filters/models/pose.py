@@ -30,12 +30,6 @@ Over = Callable[[Kernel], Kernel]
 """Makes a kernel of another one."""
 Potential = Literal["limb motion", "limbs", "none"]
 
-LEAST_M = 1e-6
-"""No regression is surer of a coordinate than that, not even of that which points of one plane share."""
-RIDGE = 1e-3
-"""Penalty of the identification of linear mechanics from the trials (``linear_shape``)."""
-RESIDUAL_RATE = 0.5
-"""Factor on the rate at which what the subspace leaves changes."""
 CENTRES = 200
 """Most samples that V_z is learned from."""
 WEIGHT = 4.0
@@ -113,7 +107,8 @@ class PoseSettings(TrajectoryModel):
             trials.regressed[key] = fill_delayed(trials.trials[-1].seen, poses, shapes, self.covariance)
         found = trials.regressed[key]
         lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
-        return Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3)))
+        # no regression is surer than a micrometre, not even of what points of one plane share
+        return Regression(found.xyz_m, lasts * (found.cov_m2 + 1e-6**2 * np.eye(3)))
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping of its mechanics; bones."""
@@ -167,7 +162,7 @@ def learn_pose(
     trial, subspace = trials[-1], shapes.subspace
     left_sd = np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[-1]))
     memory_s = residual_memory_s(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd)
-    usual_hz = RESIDUAL_RATE * MATERN_HALF / memory_s
+    usual_hz = 0.5 * MATERN_HALF / memory_s
     rates = np.full(len(left_sd), usual_hz)
     if trial.sd_m.any():  # without the noise's size nothing tells it from rough motion
         left, noise = out_of_sample(shapes.residual[-1], trial.sd_m, subspace.basis)
@@ -178,7 +173,7 @@ def learn_pose(
     model = PoseMotion(
         path=body_path(trial.frames, trial.t_s),
         subspace=own,
-        mechanics=linear_shape(motion, ridge=RIDGE),
+        mechanics=linear_shape(motion, ridge=1e-3),
         body=body_mechanics(trials),
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
@@ -194,8 +189,6 @@ def learn_pose(
 MOST_FRAMES = 100
 """So many frames judge the process noise: in bats and lizards they tell factors of 4 apart by 20 to 650 in log
 likelihood."""
-FARTHEST = 4
-"""Factors of 4 to this power at most."""
 
 
 def with_noise(model: PoseMotion, factor: float) -> PoseMotion:
@@ -233,7 +226,7 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
     known = {power: likelihood(power) for power in (0, 1)}
     step = 1 if known[1] > known[0] else -1
     best = max(step, 0)
-    while abs(best + step) <= FARTHEST:
+    while abs(best + step) <= 4:  # factors of 4 to this power at most
         known[best + step] = likelihood(best + step)
         if known[best + step] <= known[best]:
             break

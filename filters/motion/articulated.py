@@ -10,8 +10,7 @@ from mocap.filters.tree import Posed, Tree, left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import skew
+from eal.arrays import Array, skew
 
 BENT_RAD = 0.1
 """Rotations by less than so many radians move markers along nearly straight lines."""

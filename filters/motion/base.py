@@ -10,8 +10,6 @@ from mocap.filters.observe import Observed
 
 from eal.arrays import Array
 
-ROUNDS = 10
-"""An iterated update ends after so many at the latest."""
 More = TypeVar("More")
 
 
@@ -129,7 +127,7 @@ class MotionModel(ABC):
         """
         at = state.mean
         found, more = update(first or Markers(state, self.view(at, frame)), None)
-        for _ in range(ROUNDS):
+        for _ in range(10):
             ahead = self.further(at, found.mean)
             if ahead is None:
                 break

@@ -14,9 +14,8 @@ from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
+from eal.arrays import Array, skew
 from eal.integrators import IntegrationError
-from eal.vectors import skew
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

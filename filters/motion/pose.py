@@ -18,11 +18,7 @@ from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import skew
-
-LEAST_SD = 0.05
-"""Potentials do not look along directions of a pose that are known better than to this share of what was recorded."""
+from eal.arrays import Array, skew
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -353,7 +349,7 @@ class PoseMotion(MotionModel):
                 held.mean + rows @ state.mean[: rows.shape[1]], rows, rows @ state.cov[: rows.shape[1]]
             )
             pull = partial(_scaled, held.gradient, step.dt_s)
-            terms.append(potential_term(pull, coordinates, least_sd=LEAST_SD))
+            terms.append(potential_term(pull, coordinates, least_sd=0.05))  # not along what is known to 5 %
         if self.bones is not None:
             markers = Markers(state, View(self._pose(state.mean), self.subspace.basis, self.chains))  # in the body
             terms.append(bones_term(self.bones, markers, step.dt_s * self.bone_stiffness))

@@ -67,19 +67,15 @@ def audit_filmed(
         found += [*late, *lenses, *([] if alarms(lenses) else foreign)]
     matrices = stacked(cameras)
     xyz = linear(matrices, ideal_px)
-    believed = _believed(matrices, ideal_px, xyz)
+    # points whose rays meet about as those of most points do; NaN else
+    miss = residual_px(matrices, ideal_px, xyz)
+    usual = np.nanmedian(miss) if np.isfinite(miss).any() else np.nan
+    believed = np.where((miss <= 5 * usual)[..., None], xyz, np.nan)
     found += [*sizes(xyz), *jump_findings(believed, pixels.t_s, pixels.names, timed=timed, first=first)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
         solved = ideal_px if stored_px is None else stored_px
         found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
     return sorted(found, key=lambda f: not f.alarm)
-
-
-def _believed(matrices: Array, ideal_px: Array, xyz_m: Array) -> Array:
-    """Points whose rays meet about as those of most points do; NaN else."""
-    miss = residual_px(matrices, ideal_px, xyz_m)
-    usual = np.nanmedian(miss) if np.isfinite(miss).any() else np.nan
-    return np.where((miss <= 5 * usual)[..., None], xyz_m, np.nan)
 
 
 def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:

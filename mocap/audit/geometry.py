@@ -17,9 +17,6 @@ LARGE_PX = 8.0
 MANY_SD = 4.0
 UNEVEN, LEAST_UNEVEN_PX = 3.0, 1.0
 """One camera's median residual is so many times another's, and so large, where that is a finding."""
-BARREL = 1.1
-"""Barrel distortion is named where the residual is lower with it by this factor: errors of focal lengths of 0.5 % look
-like pincushion distortion, and lower it by as much."""
 
 
 def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:
@@ -243,7 +240,8 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
     if not 0 < at < len(grid) - 1:
         return []
     best = minimize_scalar(miss, bounds=(grid[at - 1], grid[at + 1]), method="bounded", options={"xatol": 1e-3})
-    if best.fun * (BARREL if best.x < 0 else CLEARLY) > plain or abs(best.x) < 0.02:
+    # errors of focal lengths of 0.5 % look like pincushion distortion, and lower it by as much
+    if best.fun * (1.1 if best.x < 0 else CLEARLY) > plain or abs(best.x) < 0.02:
         return []
     return [
         Finding(

@@ -11,8 +11,7 @@ from mocap.audit import audit_recording
 from mocap.cameras.camera import check_cameras, stacked, undistorted
 from mocap.cameras.origin import StatedOrigin, decide_origin
 from mocap.errors import CalibrationError, FormatError
-from mocap.io.contents import FileContents
-from mocap.io.describe import summary
+from mocap.io.contents import FileContents, summary
 from mocap.io.format import Hints
 from mocap.io.registry import identify, read_as
 from mocap.io.together import joined

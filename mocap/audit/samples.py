@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.findings import MOST, Finding
@@ -13,8 +12,6 @@ from mocap.records import MarkerTracks, PixelTracks
 STEPS_PX = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
 BESIDE = 2
 """Steps on each side of repeated frames of which one has at least half of the usual length."""
-FEWEST_COARSE = 20
-"""Numbers beyond 2048 steps that all lie on every second one: by chance once in a million."""
 BODY_M = (2e-3, 15.0)
 """Sizes of animals and parts of them, from the wing of a fly to a whale."""
 
@@ -50,7 +47,7 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
     step = next((s for s in STEPS_PX if on(s) > 0.995), None)
     held = values.max() < 6e4 and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
     finest = next((s for s in 2.0 ** np.arange(4, -14, -1) if on(s) == 1), None) if held else None
-    if finest is not None and np.count_nonzero(values >= 2048 * finest) >= FEWEST_COARSE:
+    if finest is not None and np.count_nonzero(values >= 2048 * finest) >= 20:  # by chance once in a million
         coarsest = float(2.0 ** np.floor(np.log2(values.max() / 1024)))
         text = (
             f"were stored in half precision (float16): the smallest need steps of {finest:g} px, the largest are "
@@ -89,7 +86,17 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
     markers = float(np.count_nonzero(both, axis=1)[repeats].mean())
     if alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5):
         return []  # markers stand still one by one, so that all of them may by chance
-    at = np.flatnonzero(repeats & _in_motion(values, repeats)) + 1
+    length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
+    known = np.isfinite(length)
+    step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
+    # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
+    moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
+    out = np.zeros(len(repeats), dtype=bool)
+    for start, stop in edges.reshape(-1, 2):
+        out[start:stop] = moves[max(0, start - BESIDE) : start].any() and moves[stop : stop + BESIDE].any()
+    at = np.flatnonzero(repeats & out) + 1
     if not len(at):
         return []
     whose = "" if camera is None else f" of camera {camera!r}"
@@ -101,29 +108,9 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
             "recorded moves before and after: the recording stalled, or frames were stored twice",
             numbers={"frames": len(at), "share": len(at) / len(values)},
             cameras=() if camera is None else (camera,),
-            frames=_first(at),
+            frames=tuple(int(f) + 1 for f in sorted(set(map(int, at)))[:MOST]),
         )
     ]
-
-
-def _in_motion(values: Array, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(T - 1,) steps of runs with steps of usual length on both sides: what comes to rest and lies still is no fault.
-
-    Args:
-        values: (T, M, d) tracks.
-        repeats: (T - 1,) steps of length 0.
-    """
-    length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
-    known = np.isfinite(length)
-    step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
-    usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
-    # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
-    moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
-    out = np.zeros(len(repeats), dtype=bool)
-    for start, stop in edges.reshape(-1, 2):
-        out[start:stop] = moves[max(0, start - BESIDE) : start].any() and moves[stop : stop + BESIDE].any()
-    return out
 
 
 def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
@@ -182,20 +169,10 @@ def sizes(xyz_m: Array) -> list[Finding]:
     ]
 
 
-def _first(frames: Sequence[int] | NDArray) -> tuple[int, ...]:
-    return tuple(int(f) + 1 for f in sorted(set(map(int, frames)))[:MOST])
-
-
-FAST, QUANTILE = 1.5, 0.999
+FAST = 1.5
 """A jump is faster by that factor than this quantile of all steps between neighbouring frames."""
-FEWEST_STEPS = 1000
-LONGEST_HOLE = 6
-"""Frames over which a jump may be hidden."""
 AROUND = 3
 """Samples before and after a jump, with no more than one frame missing between them, that move as usual."""
-FAR, ACROSS = 4.0, 2.5
-"""A jump is longer by that factor than what speeds before and after it explain: between neighbouring frames, where a
-careless click looks like one, and across a hole."""
 APART = 0.1
 """No jump is shorter than that share of the way to the nearest other marker: soft tissue and noise move one as far.
 It goes to another marker's place where it ends within that share of its own length from there."""
@@ -212,7 +189,7 @@ def usual_speed(xyz_m: Array, t_s: Array) -> float:
         return np.inf
     speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / np.diff(t_s)[:, None]
     speed = speed[np.isfinite(speed)]
-    return FAST * float(np.quantile(speed, QUANTILE)) if len(speed) >= FEWEST_STEPS else np.inf
+    return FAST * float(np.quantile(speed, 0.999)) if len(speed) >= 1000 else np.inf
 
 
 def jump_findings(
@@ -246,14 +223,15 @@ def jump_findings(
         step, dt = np.diff(x, axis=0), np.diff(t)
         velocity = step / dt[:, None]
         speed, hole = np.linalg.norm(velocity, axis=-1), np.diff(frames)
-        for i in np.flatnonzero((speed > limit) & (hole <= LONGEST_HOLE)):
+        for i in np.flatnonzero((speed > limit) & (hole <= 6)):  # frames over which a jump may be hidden
             around = [*range(i - AROUND + 1, i), *range(i + 1, i + AROUND)]
             if around[0] < 0 or around[-1] >= len(step) or (speed[around] > usual).any() or (hole[around] > 2).any():
                 continue
             drift = (velocity[around[: AROUND - 1]].mean(axis=0) + velocity[around[AROUND - 1 :]].mean(axis=0)) / 2
             left = float(np.linalg.norm(step[i] - drift * dt[i]))
             explained = float(np.max(speed[around])) * dt[i]
-            if left < (FAR if hole[i] == 1 else ACROSS) * explained or left < 0.5 * np.linalg.norm(step[i]):
+            # longer than speeds explain; between neighbouring frames a careless click looks like a jump
+            if left < (4.0 if hole[i] == 1 else 2.5) * explained or left < 0.5 * np.linalg.norm(step[i]):
                 continue
             far = float(np.linalg.norm(step[i]))
             one, next_one = (int(frame) + first + 1 for frame in frames[i : i + 2])

@@ -14,8 +14,6 @@ from mocap.records import MarkerTracks
 
 PRINTED_M = 2e-6
 """Stored points and their triangulation differ by less: the print precision of the files leaves 1e-6."""
-CLOSE = 1.1
-"""Points that miss their pixels by no more than that factor over linear least squares fit them as well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +89,7 @@ def stored_findings(matrices: Array, ideal_px: Array, stored: MarkerTracks, *, c
         f"{np.median(off[wrong]):.2g} m, up to {off[wrong].max():.2g} m)"
     )
     ours, theirs = (float(np.median(residual_px(matrices, ideal_px, points)[wrong])) for points in (xyz, stored.xyz_m))
-    as_good = share <= 0.5 and theirs < CLOSE * ours
+    as_good = share <= 0.5 and theirs < 1.1 * ours  # linear least squares: they fit as well
     cause = (
         f"they fit the pixels as well ({theirs:.2f} px, {ours:.2f} px by linear least squares): another method"
         if as_good

@@ -225,7 +225,6 @@ def _need_workers(connected: Client) -> None:
 
 
 def _why(future: Future) -> str:
-    """In one line why a trial has no result."""
     error = future.exception()
     if isinstance(error, KilledWorker):
         return (

@@ -5,16 +5,143 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from mocap.batches.manifest import check_name, is_manifest, read_manifest, write_manifest
-from mocap.batches.roles import CALIBRATIONS, TRACKS, are_pixels, base, camera_names, role
-from mocap.batches.trial import Trial, some
+from mocap.batches.trial import Trial, check_name, is_manifest, read_manifest, some, write_manifest
 from mocap.errors import MocapError, OutputError
+from mocap.io.crop import has_crops
 from mocap.io.format import Hints
 from mocap.io.manifest import read_manifest as read_listing
 from mocap.io.output import result_file
+from mocap.io.registry import identify, read
+from mocap.skeleton import read_skeleton
+
+Role = Literal["tracks", "view", "calibration", "profile", "skeleton", "none", "unknown"]
+"""A view is pixels of one camera; ``none`` is known but no trial; ``unknown`` looks like data and is not known."""
+
+CALIBRATIONS = (
+    "dltdv-coefficients",
+    "anipose-calibration",
+    "easywand",
+    "argus-sba-profile",
+    "qualisys-calibration",
+    "vicon-calibration",
+    "optitrack-calibration",
+)
+"""Formats that hold all cameras of a rig; of several of one rig the first is taken."""
+VIEWS = ("deeplabcut-csv", "deeplabcut-h5", "sleap-analysis")
+PIXELS = ("dltdv-xypts", "argus-xypts", "typed-pixels", "xmalab-2d")
+TRACKS = (
+    *PIXELS,
+    "dltdv-project",
+    "dltdv-sparse",
+    "argus-sparse",
+    "movement",
+    "c3d",
+    "trc",
+    "qualisys-tsv",
+    "qualisys-mat",
+    "mocaptoolbox",
+    "vicon-csv",
+    "optitrack-csv",
+    "parquet",
+    "csv-long",
+    "csv-wide",
+    "sleap-anipose-3d",
+    "anipose-3d",
+    "dltdv-xyzpts",
+    "argus-xyzpts",
+    "xmalab-3d",
+    "csv",
+)
+"""Formats of trials; of several files of one trial the first is tracked, as the rawest; others go before all."""
+SPARSE = ("dltdv-sparse", "argus-sparse")
+DATA = (".csv", ".tsv", ".txt", ".c3d", ".trc", ".mat", ".h5", ".hdf5", ".nc", ".parquet", ".xlsx", ".toml", ".xcp")
+DATA += (".cal", ".slp", ".nwb")
+"""Ends of the names of files that are looked into."""
+_WORDS = (
+    "xypts|xyzpts|xyzres|xyzci|offsets|dltcoefs|dvproject|camera_?profiles?|profile|calibration|easywanddata|skeleton"
+    "|pointnames|extrinsics?|analysis|proofread"
+)
+_ENDING = re.compile(rf"[-_. ]*({_WORDS})$", re.IGNORECASE)
+_TRIAL = re.compile(r"(xypts|xyzpts)\.[ct]sv$|dvproject\.mat$|\.c3d$|\.trc$", re.IGNORECASE)
+"""Names that only tracks have."""
+
+
+def role(path: Path, hints: Hints) -> tuple[Role, str]:
+    """What a file is, and the name of its format (of ``unknown``: what is wrong with it)."""
+    if path.suffix.lower() not in DATA:
+        return "none", ""
+    try:
+        name = identify(path, hints).name
+    except MocapError as error:
+        if path.suffix.lower() == ".toml":
+            return ("skeleton", "") if _is_skeleton(path) else ("none", "")
+        if _TRIAL.search(path.name):
+            return "tracks", str(error)  # and its error is told when it is tracked
+        return ("none", "") if path.suffix.lower() == ".txt" or has_crops(path) else ("unknown", str(error))
+    if name in CALIBRATIONS:
+        return "calibration", name
+    if name in VIEWS:
+        return "view", name
+    if name == "csv":
+        return _by_content(path, name, hints)
+    if name == "camera-profile":
+        return "profile", name
+    if name in SPARSE and not re.search(r"xyz?pts\.tsv$", path.name, re.IGNORECASE):
+        return "none", name
+    return ("tracks", name) if name in TRACKS else _by_content(path, name, hints)
+
+
+def _by_content(path: Path, name: str, hints: Hints) -> tuple[Role, str]:
+    """A file is to a batch what ``mocap track`` reads it as; a table whose columns are stated is a trial."""
+    try:
+        found = read(path, hints)
+    except MocapError as error:
+        plain = name == "csv"
+        return ("tracks", name) if hints.columns and plain else ("unknown" if plain else "none", str(error))
+    if found.pixels is not None:
+        return ("view" if len(found.camera_names) == 1 else "tracks"), name
+    return ("tracks" if found.points is not None else "none"), name
+
+
+def are_pixels(path: Path, format: str, hints: Hints) -> bool:
+    """Whether tracks are pixels that need a calibration beside them."""
+    if format in TRACKS or not format:
+        return format in PIXELS or (format in SPARSE and "xypts" in path.name.lower())
+    try:
+        found = read(path, hints)
+    except MocapError:
+        return False
+    return found.pixels is not None and not found.cameras
+
+
+def _is_skeleton(path: Path) -> bool:
+    try:
+        read_skeleton(path)
+    except MocapError:
+        return False
+    return True
+
+
+def base(path: Path) -> str:
+    """The name of a file without what says which part of a trial it is: ``bat_`` of ``bat_xypts.csv`` goes."""
+    stem = path.stem
+    while (shorter := _ENDING.sub("", stem)) != stem:
+        stem = shorter
+    return stem.rstrip("-_. ")
+
+
+@lru_cache(maxsize=64)
+def camera_names(calibration: Path) -> tuple[str, ...]:
+    """Names of the cameras of a calibration; none where it cannot be read."""
+    try:
+        return read(calibration).camera_names
+    except MocapError:
+        return ()
+
 
 PLAN = "manifest.csv"
 WRITTEN = ("track", "batch")
@@ -30,7 +157,7 @@ _ANIMAL = re.compile(rf"(?!({_WHEN_OR_HOW})[-_ ]?[0-9])[a-z]+[-_ ]?[0-9]{{1,3}}[
 
 
 Files = Mapping[str, Mapping[Path, str]]
-"""The files of a folder by what they are (``mocap.batches.roles.Role``), with the names of their formats."""
+"""The files of a folder by what they are (``mocap.batches.find.Role``), with the names of their formats."""
 
 
 def find_trials(
@@ -47,7 +174,7 @@ def find_trials(
     several would do, the trial is skipped and says so.
 
     Args:
-        sources: Folders, files, patterns (``**`` is any depth), and manifests (``mocap.batches.manifest``).
+        sources: Folders, files, patterns (``**`` is any depth), and manifests (``mocap.batches.trial``).
         stated: Arguments of ``mocap.read`` for every trial; what a manifest states of one goes before.
         out: The folder of results, in which no trials are looked for.
 
@@ -169,7 +296,6 @@ def _view_folders(looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]]) -
 
 
 def _cameras(looked: "_Looked", folder: Path) -> tuple[str, ...]:
-    """Names of the cameras of the calibration that goes for a folder."""
     calibration = looked.stated.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
     return () if calibration is None else camera_names(Path(calibration))
 
@@ -278,7 +404,12 @@ class _Looked:
     def at(self, folder: Path) -> Files:
         """What a folder holds."""
         if folder not in self.seen:
-            self.seen[folder] = _look(folder, self.hints)
+            found: defaultdict[str, dict[Path, str]] = defaultdict(dict)
+            for path in sorted(folder.iterdir()):
+                if path.is_file() and not path.name.startswith("."):
+                    what, name = role(path, self.hints)
+                    found[what][path] = name
+            self.seen[folder] = found
         return self.seen[folder]
 
     def folders(self, folder: Path) -> tuple[str, ...]:
@@ -306,15 +437,6 @@ class _Looked:
                 break
             above.append(path)
         return above
-
-
-def _look(folder: Path, hints: Hints) -> Files:
-    found: defaultdict[str, dict[Path, str]] = defaultdict(dict)
-    for path in sorted(folder.iterdir()):
-        if path.is_file() and not path.name.startswith("."):
-            what, name = role(path, hints)
-            found[what][path] = name
-    return found
 
 
 def _chosen(formats: Mapping[Path, str], name: str, kind: str) -> tuple[Path | None, str]:

@@ -74,22 +74,20 @@ def key_of(trial: Trial, options: Options) -> str:
     Raises:
         OSError: a file cannot be read.
     """
+    first = trial.paths[0]
+    sparse = [first.with_name(first.name.replace("xypts", part)) for part in ("xyzpts", "offsets", "point_names")]
+    found = [path for path in sparse if path != first and path.is_file()]
     of = {
         "trial": trial.name,
         "version": version("eal-mocap"),
-        "files": [[path.name, _content(path)] for path in (*trial.paths, *_beside(trial))],
+        "files": [
+            [path.name, _content(path)]
+            for path in (*trial.paths, *[*found, *(() if "crop" in trial.stated else crops_beside(trial.paths))])
+        ],
         "stated": {name: _plain(value) for name, value in sorted(trial.stated.items())},
         "options": {name: _plain(value) for name, value in sorted(vars(options).items())},
     }
     return hashlib.sha256(json.dumps(of, sort_keys=True).encode()).hexdigest()
-
-
-def _beside(trial: Trial) -> list[Path]:
-    """Files that are read though nobody names them: stored points and offsets of the same name, and crop offsets."""
-    first = trial.paths[0]
-    sparse = [first.with_name(first.name.replace("xypts", part)) for part in ("xyzpts", "offsets", "point_names")]
-    found = [path for path in sparse if path != first and path.is_file()]
-    return [*found, *(() if "crop" in trial.stated else crops_beside(trial.paths))]
 
 
 def _plain(value: Any) -> Any:

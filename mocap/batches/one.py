@@ -9,7 +9,7 @@ from typing import Any
 from mocap.batches.known import Options, Record, keep, key_of, known, write_record
 from mocap.batches.trial import Trial
 from mocap.errors import MocapError, OutputError
-from mocap.io.describe import gaps
+from mocap.io.contents import gaps
 from mocap.io.output import result_folder
 from mocap.pipeline.blocks import LONG
 from mocap.pipeline.learning import Model, load_model
@@ -87,7 +87,6 @@ def _failed(trial: Trial, error: str, key: str, out: Path) -> Record:
 
 @lru_cache(maxsize=1)
 def _model(path: Path) -> Model:
-    """A learned model, read once a worker."""
     return load_model(path)
 
 

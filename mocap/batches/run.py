@@ -1,8 +1,10 @@
-"""A batch: find the trials, track what is missing, sum up."""
+"""A batch: find the trials, learn from them where that is asked for, track what is missing, sum up."""
 
+import hashlib
+import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -14,8 +16,7 @@ import pandas as pd
 
 from eal.needs import needs
 from mocap.batches.find import find_trials
-from mocap.batches.known import NoWorkers, Options, Record, keep, known, read_record
-from mocap.batches.learned import MODEL, is_learned, learn_model
+from mocap.batches.known import NoWorkers, Options, Record, keep, key_of, known, read_record
 from mocap.batches.one import stated_of
 from mocap.batches.summary import (
     ANGLES,
@@ -33,15 +34,20 @@ from mocap.batches.summary import (
     write_times,
 )
 from mocap.batches.trial import Trial, some
+from mocap.cameras.origin import OriginError
+from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
+from mocap.io.output import result_file
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import MODELS, existing_model
+from mocap.pipeline.learning import Model, learn_from
+from mocap.pipeline.recording import Recording
 from mocap.results.tracked import Tracked, load
+from mocap.schema import Entry, checked
 
 PathText = str | PathLike[str]
 LEARN = "learn"
 """As a model: one is learned from all trials first."""
-REFRESH_S = 60.0
-"""The summary is written again so often while a batch runs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,8 +204,16 @@ def batch(
     if learn and parts > 1:
         raise MocapError("`model` learn needs all trials: learn one first (mocap learn), and give its file to `shard`s")
     folder = Path(out).absolute()
-    trials = find_trials(_several(sources), stated=stated, out=folder)
-    _refuse_inputs(folder, trials)
+    if isinstance(sources, str | PathLike):
+        sources = [sources]
+    trials = find_trials(
+        [source if isinstance(source, str) else Path(source) for source in sources], stated=stated, out=folder
+    )
+    # refuse to write where trials are read from: an input is never touched
+    for trial in trials:
+        for path in trial.paths:
+            if path.absolute().parent == folder / trial.name:
+                raise OutputError(f"{path} lies where its result would be written: choose another place")
     own = trials[part - 1 :: parts]
     options = Options(
         model=folder / MODEL if learn else checked_model(model), validate=validate, seed=seed, pictures=pictures
@@ -330,11 +344,10 @@ class _State:
             self._tell()
         if seconds is not None:
             self.taken[record.trial] = seconds
-        if not self.shared and monotonic() - self.refreshed_s > REFRESH_S:
+        if not self.shared and monotonic() - self.refreshed_s > 60.0:
             self.sum_up()
 
     def _tell(self) -> None:
-        """Say how far it is."""
         ended = len(self.went) - self.before
         left = (monotonic() - self.begun_s) / ended * len(self.missing) if ended else None
         self.progress(
@@ -403,12 +416,6 @@ def shard_of(text: str | None) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _several(sources: PathText | Sequence[PathText]) -> list[str | Path]:
-    if isinstance(sources, str | PathLike):
-        sources = [sources]
-    return [source if isinstance(source, str) else Path(source) for source in sources]
-
-
 def checked_model(model: str | PathLike[str]) -> str | Path:
     """The name of a model, or the file of a learned one.
 
@@ -420,13 +427,66 @@ def checked_model(model: str | PathLike[str]) -> str | Path:
     return existing_model(model, (*MODELS, LEARN)).absolute()
 
 
-def _refuse_inputs(out: Path, trials: Sequence[Trial]) -> None:
-    """Refuse to write where trials are read from: an input is never touched.
+MODEL, OF = "model.npz", "model.json"
+"""The model, and what it was learned from."""
+
+
+def model_key(trials: Sequence[Trial], seed: int) -> str:
+    """SHA-256 of all that a model of these trials depends on; a trial whose files are missing counts by its name."""
+    keys = []
+    for trial in trials:
+        try:
+            keys.append(key_of(trial, Options(seed=seed)))
+        except OSError:
+            keys.append(trial.name)
+    return hashlib.sha256("\n".join(keys).encode()).hexdigest()
+
+
+def is_learned(trials: Sequence[Trial], seed: int, out: Path) -> bool:
+    """Whether the model of these trials, as they are now, has been written."""
+    try:
+        found = checked(OF, from_json(regular_bytes(out / OF), OF), {"key": Entry(kind="s")}, again="")
+    except (OSError, FormatError):
+        return False
+    return (out / MODEL).is_file() and found["key"][()] == model_key(trials, seed)
+
+
+def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
+    """Learn a model from all trials that can be read, and write it beside their results.
+
+    ``model.json`` tells which trials it is of, and why others are not among them.
 
     Raises:
-        OutputError: a trial lies in the folder that its result would be written to.
+        MocapError: none can be read, or those that can have nothing in common.
     """
+    used: list[str] = []
+    left_out: dict[str, str] = {}
+    try:
+        model = Model(learn_from(_sources(trials, used, left_out), seed=seed))
+    except MocapError as error:
+        if not used:
+            first = next(iter(left_out.items()))
+            raise MocapError(f"no model can be learned: no trial can be read, as {first[0]}: {first[1]}") from None
+        raise MocapError(
+            f"no model can be learned from these {len(used)} trials together: {error}: make batches of trials that "
+            "are alike, or give `model` auto"
+        ) from None
+    told = {"key": model_key(trials, seed), "learned_from": used, "left_out": left_out, "scores": model.scores}
+    with result_file(out / MODEL, replace=True) as file:
+        model.write(file)
+        text = json.dumps(told, indent=1, sort_keys=True)
+        file.with_name(OF).write_text(text + "\n", encoding="utf-8")
+
+
+def _sources(trials: Sequence[Trial], used: list[str], left_out: dict[str, str]) -> Iterator[Recording]:
+    """Those that can be read, one after the other; their names are added to ``used``, reasons to ``left_out``."""
     for trial in trials:
-        for path in trial.paths:
-            if path.absolute().parent == out / trial.name:
-                raise OutputError(f"{path} lies where its result would be written: choose another place")
+        try:
+            recording = trial.recording().without_needless_calibration()
+            with suppress(OriginError):  # the others may tell which corner pixels are counted from
+                recording = clean(recording)
+            used.append(trial.name)
+        except MocapError as error:
+            left_out[trial.name] = " ".join(str(error).split())
+            continue
+        yield recording

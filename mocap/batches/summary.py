@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from mocap.batches.find import DATA
 from mocap.batches.known import Record
-from mocap.batches.roles import DATA
 from mocap.batches.trial import some
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError

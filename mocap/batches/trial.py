@@ -1,11 +1,14 @@
-"""A trial of a batch: its files, and what is stated about them."""
+"""A trial of a batch: its files, and what is stated about them, also in a table of trials."""
 
+import csv
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mocap.documents import decoded
+from mocap.errors import FormatError, MocapError
 from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
 
@@ -79,3 +82,125 @@ def relative(path: Path, folder: Path) -> str:
         return Path(os.path.relpath(path.absolute(), folder.absolute())).as_posix()
     except ValueError:  # another drive
         return path.absolute().as_posix()
+
+
+COLUMNS = ("trial", "path", "animal", "skip", *STATED)
+"""What is read of it."""
+TOLD = ("frames", "markers", "cameras", "note")
+"""Columns that tell what was found, and are not read."""
+BETWEEN = ";"
+"""Separates the files of one trial."""
+
+
+def is_manifest(path: Path) -> bool:
+    """Whether a file is a manifest: a CSV table with a column ``path`` (and one ``trial``, or others of ours)."""
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return False
+    try:
+        with path.open("rb") as stream:
+            header = stream.readline(10_000).decode("utf-8-sig", "replace")
+    except OSError:
+        return False
+    titles = {title.strip() for title in next(csv.reader([header], delimiter=_separator(header)), [])} - {""}
+    return "path" in titles and titles <= {*COLUMNS, *TOLD}
+
+
+def _separator(header: str) -> str:
+    """Spreadsheets of some countries separate cells by semicolons."""
+    return BETWEEN if header.count(BETWEEN) > header.count(",") else ","
+
+
+def read_manifest(path: Path) -> list[Trial]:
+    """The trials of a manifest; paths are relative to its folder.
+
+    Args:
+        path: CSV with the columns ``path`` (several files of one trial are separated by semicolons) and, each where
+            wanted, ``trial`` (else the name of the file), ``animal``, ``skip`` (a reason: it is not tracked), and the
+            arguments of ``mocap.read`` in ``STATED``. Empty cells state nothing.
+
+    Raises:
+        FormatError: a column is not known, a cell is no number where one is needed, two trials have one name, or a
+            row names no file.
+    """
+    text, _ = decoded(path, path.read_bytes())
+    rows = csv.DictReader(text.splitlines(), delimiter=_separator(text.partition("\n")[0]), skipinitialspace=True)
+    unknown = [title for title in rows.fieldnames or () if title.strip() and title not in (*COLUMNS, *TOLD)]
+    if unknown or "path" not in (rows.fieldnames or ()):
+        raise FormatError(
+            f"{path.name}: columns {', '.join(unknown) or '(no path)'}: a manifest has the column path, and may have "
+            f"{', '.join(c for c in COLUMNS if c != 'path')}"
+        )
+    found: dict[str, Trial] = {}
+    for number, row in enumerate(rows, start=2):
+        cells = {title: (text or "").strip() for title, text in row.items() if isinstance(text, str)}
+        if not any(cells.values()):
+            continue
+        trial = _trial(path, number, cells)
+        if trial.name.casefold() in found:
+            raise FormatError(f"{path.name}: line {number}: two trials are called {trial.name!r}: rename one")
+        found[trial.name.casefold()] = trial
+    if not found:
+        raise FormatError(f"{path.name}: has no trials: expected a row each, with a path")
+    return list(found.values())
+
+
+def _trial(path: Path, number: int, cells: dict[str, str]) -> Trial:
+    files = [path.parent / file.strip() for file in cells["path"].split(BETWEEN) if file.strip()]
+    where = f"{path.name}: line {number}"
+    if not files:
+        raise FormatError(f"{where}: names no file in the column path")
+    stated: dict[str, Any] = {}
+    for title, kind in STATED.items():
+        if not (cell := cells.get(title, "")):
+            continue
+        try:
+            if kind is Path:
+                files_of = [path.parent / one.strip() for one in cell.split(BETWEEN)]
+                stated[title] = files_of[0] if len(files_of) == 1 else files_of
+            else:
+                stated[title] = kind(cell)
+        except ValueError:
+            kinds = "yes or no" if kind is yes else "a number"
+            raise FormatError(f"{where}: {title} {cell!r} is not {kinds}") from None
+    name = cells.get("trial") or files[0].stem
+    try:
+        check_name(name)
+    except MocapError as error:
+        raise FormatError(f"{where}: {error}") from None
+    return Trial(
+        name=name, paths=tuple(files), stated=stated, animal=cells.get("animal", ""), skip=cells.get("skip", "")
+    )
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that leads out of the folder of results.
+
+    Raises:
+        MocapError: it does, or is hidden.
+    """
+    parts = name.replace("\\", "/").split("/")
+    if any(not part.strip() or part.startswith(".") for part in parts):
+        raise MocapError(f"the trial {name!r} cannot be a folder below the results: give it a plain name")
+
+
+def write_manifest(
+    path: Path, trials: Sequence[Trial], *, folder: Path, told: Sequence[dict[str, object]] = ()
+) -> None:
+    """Write the manifest of trials, with paths relative to ``folder``, and what was found in files (``TOLD``)."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([*COLUMNS, *TOLD])
+        for i, trial in enumerate(trials):
+            cells: list[object] = [
+                trial.name,
+                BETWEEN.join(relative(file, folder) for file in trial.paths),
+                trial.animal,
+                trial.skip,
+            ]
+            for title in STATED:
+                value = trial.stated.get(title, "")
+                several = value if isinstance(value, list | tuple) else [value]
+                texts = [relative(Path(v), folder) if STATED[title] is Path and v != "" else str(v) for v in several]
+                cells.append(BETWEEN.join(texts))
+            cells += [told[i].get(title, "") if told else "" for title in TOLD]
+            writer.writerow(cells)

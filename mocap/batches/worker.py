@@ -2,7 +2,6 @@
 
 import signal
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
 
@@ -30,12 +29,7 @@ def track_here(trial: Trial, options: Options, out: Path, again: bool) -> tuple[
         worker.log_event(TOPIC, {"worker": worker.address, "trial": trial.name, "stage": stage})
 
     begun = perf_counter()
-    record = track_trial(trial, options, out, again=again, progress=_changes(tell))
-    return record, perf_counter() - begun
-
-
-def _changes(tell: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Tells each stage once."""
+    # tells each stage once
     last = ""
 
     def told(stage: str, _share: float) -> None:
@@ -44,4 +38,5 @@ def _changes(tell: Callable[[str], None]) -> Callable[[str, float], None]:
             last = stage
             tell(stage)
 
-    return told
+    record = track_trial(trial, options, out, again=again, progress=told)
+    return record, perf_counter() - begun

@@ -170,7 +170,6 @@ def _sightings(
     turned: set[tuple[int, str]],
     left_out: Sequence[tuple[int, str]],
 ) -> tuple[Sightings, list[tuple[int, str]]]:
-    """All corners, and the picture (camera, instant) of each."""
     camera, body, local, uv, pictures = [], [], [], [], []
     for i, stem in seen:
         if (i, stem) in left_out:

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from eal.arrays import Array
-from eal.vectors import skew
+from eal.arrays import Array, skew
 from mocap.calibration.rig import RigCamera, turn
 from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, Lengths, Scene, Sightings
 from mocap.cameras.lens import Lens

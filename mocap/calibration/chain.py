@@ -105,10 +105,6 @@ def _placed(points: Array, xy: Array, at: NDArray[np.bool_], near: float, name: 
     return rigid(np.asarray(cv2.Rodrigues(rvec)[0], dtype=float), np.ravel(np.asarray(tvec, dtype=float)))
 
 
-_TELLING = 4
-_AGREEING = 0.5
-"""Of this many common instants or more, so many agree where their pictures were taken at one time."""
-
 Seen = Mapping[tuple[int, str], Array]
 """By camera and instant: (4, 4) board axes to camera axes."""
 
@@ -177,7 +173,8 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
             )
         _, i, j = max(edges)
         pose, agree, common = pairs[-i, -j]
-        if common >= _TELLING and agree < _AGREEING * common:
+        # of four instants or more half agree where pictures were taken at one time
+        if common >= 4 and agree < 0.5 * common:
             raise CalibrationError(
                 f"the boards of one name do not fit one scene: not of one instant? {names[-i]!r} and {names[-j]!r} "
                 f"share {common} names, and at most {agree} of them agree on how the cameras stand: if "

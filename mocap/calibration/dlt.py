@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from eal.arrays import Array
-from mocap.calibration.distinct import SAME, distinct
+from mocap.calibration.scene import SAME, distinct
 from mocap.cameras.camera import FLATTEST, PARALLEL, Camera, project
 from mocap.errors import CalibrationError
 
@@ -15,12 +15,6 @@ CHECKED_FROM = FEWEST_POINTS + 2
 """Places from which on each is left out of the fit in turn: the others then still have some to spare."""
 OPEN = 1e-9
 """Least over greatest singular value of equations that leave something open; of open ones it is rounding, 1e-15."""
-MOST_GAIN = 20.0
-"""A fit is refused where a click that misses by 1 px moves what lies between known points by more pixels than that.
-
-Of 100 cameras each: 6 random points 2.5 (median), 20 (99 %); 12 of which all but one lie in a plane to 1/1000 of its
-size 73 (median); 5 points and a sixth beside one of them, by 1/500 of their extent, 185.
-"""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,7 +71,9 @@ def fit_dlt(name: str, xyz_m: Array, uv_px: Array) -> DltFit:
             "the coefficients are not determined: add points outside that plane"
         )
     found = _fitted(name, x, u)
-    if found is None or found[1] > MOST_GAIN:
+    # pixels that what lies between known points moves by where a click misses by 1 px. Of 100 cameras each: 6 random
+    # points 2.5 (median), 20 (99 %); 12 of which all but one lie in a plane to 1/1000 of its size 73 (median)
+    if found is None or found[1] > 20.0:
         how = "" if found is None else f" (a click that misses by 1 px moves points between them by {found[1]:.0f} px)"
         raise CalibrationError(
             f"camera {name!r}: its {places} known points do not determine the coefficients{how}, as where all but one "

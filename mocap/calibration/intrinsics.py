@@ -9,9 +9,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
-from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.rig import RigCamera
-from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
+from mocap.calibration.scene import CLICK_PX, Adjusted, Free, Scene, Sightings, distinct
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
 
@@ -204,7 +203,6 @@ def _fit(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: 
 
 
 def _moved(views: Sequence[Corners], lens: Lens, free: Free, choice: str, name: str) -> tuple[Adjusted, Lens]:
-    """Boards placed with a lens, then all moved together."""
     placed = [(v, p) for v in views if (p := place(v, lens)) is not None]
     if len(placed) < FEWEST_PICTURES - 2:
         raise CalibrationError(f"camera {name!r}: the position of the boards cannot be found with a {choice} lens")

@@ -15,12 +15,9 @@ from mocap.errors import CalibrationError
 BLOCKS = 8
 """Stretches of frames that are left out in turn: what an animal does in one says little of the others."""
 _LEAST = 60
-_GAIN = 0.97
 _OWN = 0.9
 """A coefficient for each camera needs residuals lower by this factor than one for all: cameras mostly bear like lenses,
 and errors of calibration look like lenses that differ."""
-_OPEN = 0.03
-_LARGEST = 0.6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -131,12 +128,13 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     if own is not None and len(best) == 1:
         cov = cov + (1.4826 * np.median(np.abs(own - np.median(own)))) ** 2 / n
     k1, sd = _each(best, n), np.sqrt(np.diag(cov))
-    if not after < _GAIN * before:
+    if not after < 0.97 * before:
         raise CalibrationError(
             f"`fit_lens`: no lens makes the rays meet better: the median residual of stretches left out of the fit is "
             f"{after:.2f} px with k1 {k1[0]:.3f} and {before:.2f} px without: leave it out"
         )
-    if (sd > np.maximum(_OPEN, np.abs(k1) / 3)).any() or (np.abs(k1) > _LARGEST).any():
+    # undetermined, or stronger than any lens
+    if (sd > np.maximum(0.03, np.abs(k1) / 3)).any() or (np.abs(k1) > 0.6).any():
         worst = int(np.argmax(sd))
         raise CalibrationError(
             f"`fit_lens`: this recording does not determine the lens (camera {cameras[worst].name!r}: k1 "

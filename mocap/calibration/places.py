@@ -10,16 +10,12 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from eal.arrays import Array
-from mocap.calibration.distinct import distinct
 from mocap.calibration.rig import RigCamera, turn, turned_rad
+from mocap.calibration.scene import distinct
 from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError
 
 FEWEST_POINTS = 4
-_UNLIKELY = 1e-3
-"""A point is left out where so few clicks of a camera would miss as far by chance."""
-_LOOSE = 0.1
-"""A place is refused where its standard deviation is above this share of its distance from the points."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -158,7 +154,7 @@ def place_camera(known: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequen
     place = _place(known, xyz_m, uv_px, fit, used, tuple(left_out))
     distance = float(np.linalg.norm(xyz_m[used].mean(axis=0) - fit.camera.position_m))
     loose = float(np.sqrt(np.trace(place.cov[:3, :3])))
-    if loose > _LOOSE * distance:
+    if loose > 0.1 * distance:
         raise CalibrationError(
             f"camera {name!r}: its points leave its position open by {loose:.2g} m at {distance:.2g} m: click points "
             "that span more of its picture and of its depth"
@@ -261,7 +257,7 @@ def _wrong(fit: _Fit) -> int | None:
         rest = max(total - explained, 1e-12 * total) / (freedom - 2)
         levels.append(float(stats.f.sf(explained / 2 / max(rest, 1e-4), 2, freedom - 2)))
     worst = int(np.argmin(levels))
-    return worst if levels[worst] < _UNLIKELY / n else None
+    return worst if levels[worst] < 1e-3 / n else None  # so few clicks of a camera would miss as far by chance
 
 
 def _place(

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust
-from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.rig import in_world, rig_camera, similarity, turned_rad
-from mocap.calibration.scene import Free, Lengths, point_scene
+from mocap.calibration.scene import CLICK_PX, Free, Lengths, distinct, point_scene
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.triangulate import linear, misses, robust
 from mocap.errors import CalibrationError
@@ -127,7 +126,6 @@ def refine_cameras(
 
 
 def _length(xyz_m: Array, bone: Bone) -> tuple[float, float]:
-    """Wanted length of a bone and the deviation of a single one."""
     length = np.linalg.norm(xyz_m[:, bone.first] - xyz_m[:, bone.second], axis=-1)
     length = length[np.isfinite(length)]
     if not len(length):

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust, camera_rms
 from mocap.calibration.chain import first_stands, rigid
-from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.rig import RigCamera, in_world
-from mocap.calibration.scene import Adjusted, Free, Lengths, Scene, Sightings, point_scene
+from mocap.calibration.scene import CLICK_PX, Adjusted, Free, Lengths, Scene, Sightings, distinct, point_scene
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.lens import Lens
 from mocap.cameras.triangulate import linear

@@ -22,16 +22,10 @@ LOOKED_AT_PX = 3.0
 """Rays that meet as near as that are not suspected."""
 BETTER = 3.0
 """A residual falls at least by that factor where the right change is undone, and not by that for any other change."""
-FITS_PX, FITS_SHARE = 4.0, 0.005
-"""Rays meet where the median residual is below that, or below that share of the pixels' extent."""
-FEW_POINTS = 50
-"""All changes are compared on so many points, the best of them on all."""
 FEWEST_SHARED = 8
 """Points that two cameras share at least if one is judged by the other."""
 MIRRORS = ("u", "v", "uv")
 SHIFTS = ("+H", "-H", "+W", "-W")
-MOST_CAMERAS = 6
-"""With more cameras only sets of one, of two (up to 10 cameras) and of all are tried, and pairs exchanged."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,7 +212,7 @@ class _Part:
             down: ``v`` where rows are counted from below in all cameras.
             alone: Whether these are all cameras, so that rows from below in all of them are no fault.
         """
-        n, few = len(self.cameras), max(1, self.uv.shape[1] // FEW_POINTS)
+        n, few = len(self.cameras), max(1, self.uv.shape[1] // 50)  # all changes on 50 points, the best of them on all
         as_is = self.all_alike(down)
         if as_is < LOOKED_AT_PX:
             return None
@@ -231,7 +225,8 @@ class _Part:
         alike = sorted((t for t in refined if t[0] < 1.5 * fit), key=lambda t: (_count(t[2]), t[0]))
         best, stretch, change = alike[0]
         extent = float(np.nanmax(self.uv) - np.nanmin(self.uv))
-        if best > max(FITS_PX, FITS_SHARE * extent) or not best * BETTER < as_is or change.plain():
+        # rays meet below 4 px, or half a percent of the pixels' extent
+        if best > max(4.0, 0.005 * extent) or not best * BETTER < as_is or change.plain():
             return None
 
         def named(change: _Change, stretch: Array) -> Arrangement:
@@ -267,7 +262,7 @@ def _sizes(cameras: Sequence[Camera], height_px: float | None) -> Array:
 def _changes(n: int) -> Iterator[_Change]:
     """All changes to try for n cameras, without repeats."""
     own, found = tuple(range(n)), set()
-    if n <= MOST_CAMERAS:
+    if n <= 6:  # of more cameras only sets of one, of two (up to 10 cameras) and of all, and pairs exchanged
         sets = [s for k in range(1, n + 1) for s in combinations(range(n), k)]
         mirrored = product(("", *MIRRORS), repeat=n) if n <= 4 else _sets(n, sets, MIRRORS)
         orders = permutations(range(n)) if n <= 5 else _exchanged(n)

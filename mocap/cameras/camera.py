@@ -235,10 +235,6 @@ def undistorted(cameras: Sequence[Camera], uv_px: Array, *, iterations: int | No
     )
 
 
-SMALL = 0.75
-"""Pixels that span less than this share of the calibrated pictures, in all cameras, may be of cropped ones."""
-
-
 def cropped_camera(camera: Camera, corner_px: Array) -> Camera:
     """The camera whose picture is a window of another's.
 
@@ -272,7 +268,8 @@ def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:
         return None
     reach = np.nanmax(uv.reshape(-1, 2), axis=0)
     sizes = np.array([picture_size(camera) for camera in cameras])
-    if (reach > SMALL * sizes.min(axis=0)).any():
+    # pixels that span less of the calibrated pictures, in all cameras, may be of cropped ones
+    if (reach > 0.75 * sizes.min(axis=0)).any():
         return None
     width, height = (f"{value:.0f}" for value in np.median(sizes, axis=0))
     return (

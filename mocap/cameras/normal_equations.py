@@ -14,10 +14,6 @@ from eal.arrays import Array
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Entries of a symmetric 3 x 3 matrix, in the order in which they are stored."""
-SINGULAR = 1e-13
-"""Of the cube of the trace: a smaller determinant is 0 to rounding."""
-_AT_ONCE = 16384
-"""Rays that are looked at in one go: what the processor keeps at hand."""
 
 
 class Factor(NamedTuple):
@@ -33,7 +29,7 @@ class Factor(NamedTuple):
 
 def in_blocks(n_cameras: int, n_points: int) -> Iterator[slice]:
     """Points a few thousand at a time."""
-    size = max(_AT_ONCE // max(n_cameras, 1), 256)
+    size = max(16384 // max(n_cameras, 1), 256)  # rays that the processor keeps at hand
     for start in range(0, n_points, size):
         yield slice(start, min(start + size, n_points))
 
@@ -80,7 +76,7 @@ def factor(normal: Array) -> Factor:
         d1, left = d - l10 * b, e - l10 * c
         l21 = left / d1
         d2 = f - l20 * c - l21 * left
-        regular = a * d1 * d2 > SINGULAR * (a + d + f) ** 3
+        regular = a * d1 * d2 > 1e-13 * (a + d + f) ** 3  # of the cube of the trace: 0 to rounding
     return Factor(np.where(regular, a, np.nan), d1, np.where(regular, d2, np.nan), l10, l20, l21)
 
 

@@ -22,8 +22,6 @@ PixelCorner = Literal["upper-left", "lower-left"]
 BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 CLEARLY = 1.2
 """A choice is clear where the next best leaves a residual so many times as large."""
-USUAL = 1.5
-"""A choice as programs make it stands unless the best one's residual is so many times smaller."""
 
 
 class OriginError(CalibrationError):
@@ -151,7 +149,7 @@ def decide_origin(
 
     Every choice that the user's statements allow is triangulated; the one with the smallest median residual is taken if
     it is clear or if the others give the same points. Programs count pixels and coefficients from the same corner, and
-    each from a corner of its own: such a choice is taken unless another fits ``USUAL`` times as well.
+    each from a corner of its own: such a choice is taken unless another fits 1.5 times as well.
 
     Args:
         cameras: The C cameras, lenses from the upper left.
@@ -194,7 +192,7 @@ def decide_origin(
         raise CalibrationError(
             "the stated pixel origins differ, but the image height is not known: give `image_height_px`"
         )
-    as_programs_do = [t for t in allowed if t[1] == t[2] == (usual or t[1]) and t[0] <= USUAL * allowed[0][0]]
+    as_programs_do = [t for t in allowed if t[1] == t[2] == (usual or t[1]) and t[0] <= 1.5 * allowed[0][0]]
     allowed = as_programs_do or allowed
     alike = [t for t in allowed if _same(t, allowed[0])]
     best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))

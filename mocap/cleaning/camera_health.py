@@ -14,19 +14,12 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from eal.arrays import Array, true_runs
 from mocap.cameras.normal_equations import Fit, Linearised, fit, linearise
 from mocap.cameras.triangulate import linear
+from mocap.cleaning.click_noise import USUAL_DOF
 
-DOF = 4.0
-"""Degrees of freedom of the errors of a ray."""
 BAD, WORSE = 3.0, 2.0
 """A camera is bad from the frame in which its level exceeds WORSE times its good one, if it gets to BAD times."""
 SHORTEST = 8
 """Frames that a camera must be bad for; shorter runs are single digitising errors."""
-EDGE = 8
-"""Frames within which a camera goes bad, or good again."""
-MARKERS = 4
-"""Markers that must be seen on both sides of such a change."""
-ENOUGH = 12.0
-"""Redundant errors within a window of five frames without which a level is not judged."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,14 +134,14 @@ def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int) -> tupl
         found = fit(problem, weight / variance)
         squares = np.sum(found.residual**2, axis=-1)
         distance = 2 * squares / (np.maximum(found.redundancy, 0.1) * variance)
-        weight = (DOF + 2) / (DOF + distance)
+        weight = (USUAL_DOF + 2) / (USUAL_DOF + distance)
         over = uniform_filter1d(summed(weight * squares * redundant), 5, axis=1, mode="constant") * 5
         under = uniform_filter1d(summed(found.redundancy), 5, axis=1, mode="constant") * 5
-        enough = under >= ENOUGH
+        enough = under >= 12.0  # redundant errors in a window of five frames
         scale = np.asarray(np.sqrt(np.maximum(over, 1e-18) / np.maximum(under, 1e-9)))
         scale = _filled(np.where(enough, scale, np.nan))
         scale = np.maximum(median_filter(scale, size=(1, 9), mode="nearest"), 1e-9)
-    return np.where(enough, scale * np.sqrt(DOF / (DOF - 2)), np.nan), found
+    return np.where(enough, scale * np.sqrt(USUAL_DOF / (USUAL_DOF - 2)), np.nan), found
 
 
 def _filled(values: Array) -> Array:
@@ -198,17 +191,17 @@ def _closed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:
-    """By how much (T, M) misses in one camera rise within ``EDGE`` frames at a frame, the median marker's.
+    """By how much (T, M) misses in one camera rise within ``SHORTEST`` frames at a frame, the median marker's.
 
     A marker counts while the cameras that see it stay the same (but for one in five): cameras contradict each other by
     place, so that a point moves when one joins.
-    Levels of five frames feel a change two frames ahead: those between are left out. 0 where fewer than ``MARKERS``
+    Levels of five frames feel a change two frames ahead: those between are left out. 0 where fewer than 4
     count on both sides.
     """
     if at < 1:
         return 0.0
     sides = []
-    for frames in (slice(max(at - EDGE, 0), at), slice(at + 4, at + 4 + EDGE)):
+    for frames in (slice(max(at - SHORTEST, 0), at), slice(at + 4, at + 4 + SHORTEST)):
         changed = np.count_nonzero(seen[:, frames] != seen[:, at - 1, None], axis=0)
         same = np.where(changed <= len(seen) // 5, miss_px[frames], np.nan)
         count = np.isfinite(same).sum(axis=0)
@@ -216,7 +209,7 @@ def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:
         sides.append(np.where(count >= 2, np.maximum(size, 1e-9), np.nan))
     rise = sides[1] / sides[0]
     rise = rise[np.isfinite(rise)]
-    return float(np.median(rise)) if len(rise) >= MARKERS else 0.0
+    return float(np.median(rise)) if len(rise) >= 4 else 0.0
 
 
 def _others(values: Array) -> Array:

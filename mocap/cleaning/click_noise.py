@@ -13,13 +13,8 @@ USUAL_DOF = 4.0
 DOFS = np.geomspace(3.0, 60.0, 16)
 """Degrees of freedom that are tried. Small and large digitising errors are a mixture, whose most likely t has 2: points
 are nearer to the truth with 3, intervals as good (0.677 mm, 95.6 % against 0.679 mm, 94.8 %; a bat, 8 cameras)."""
-SURE = 0.5
-"""Prior deviation of the logarithm of the degrees of freedom about the usual ones."""
 SHRINK = 30.0
 """Redundant errors that the factors of a camera and of a marker are shrunk to 1 by."""
-CAMERAS = 5
-"""Degrees of freedom are estimated from points that so many cameras see: of fewer the reweighted point follows its best
-rays so closely that tails look heavier than they are (3 for 10 with four cameras)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,7 +76,9 @@ def click_noise(
     found = fit(problem, 1 / worse**2)
     rays = problem.seen > 0
     usual = rays & (worse <= 1.0)
-    well = usual & (count[known] >= CAMERAS)
+    # of fewer cameras the reweighted point follows its best rays so closely that tails look heavier than they are
+    # (3 for 10 with four cameras)
+    well = usual & (count[known] >= 5)
     camera_factor, marker_factor = np.ones(n_cameras), np.ones(n_markers)
     dof = np.full(n_cameras, USUAL_DOF)
     squares = np.sum(found.residual**2, axis=-1) / worse**2
@@ -125,14 +122,12 @@ def _most_likely_dof(distance: Array) -> float:
     for _ in range(2):
         grown = 1 + fours / nu
         likelihood = -0.5 * (nu + 2) * np.log(grown[0] * grown[1] * grown[2] * grown[3]).sum(axis=0)
-        likelihood -= 0.5 * (np.log(nu / USUAL_DOF) / SURE) ** 2
+        likelihood -= 0.5 * (np.log(nu / USUAL_DOF) / 0.5) ** 2  # prior SD of log(nu)
         best = float(nu[np.argmax(likelihood)])
         nu = np.geomspace(max(best / 1.2, DOFS[0]), best * 1.2, 21)
     return best
 
 
-DOF = USUAL_DOF
-"""Degrees of freedom of the errors of a ray where they are not estimated: heavy tails with a variance."""
 LEAST_PX = 0.01
 """No pixel is known better than that, not even where pixels were simulated without noise."""
 
@@ -165,7 +160,7 @@ def student_t(
         xyz_m: (T, M, 3) starting points; NaN stays NaN.
         sd_px: Standard deviation of a pixel coordinate over all rays, to start from.
         relative: (C, T, M) scales of rays relative to s; None: 1.
-        noise: Factors of cameras and markers, and degrees of freedom; None: 1, and ``DOF``.
+        noise: Factors of cameras and markers, and degrees of freedom; None: 1, and ``USUAL_DOF``.
 
     Returns:
         (T, M, 3) points, their (T, M, 3, 3) covariance; (C, T, M) the standard deviation of a pixel coordinate of each
@@ -177,10 +172,10 @@ def student_t(
     has_point = np.isfinite(xyz_m[..., 0])
     free = np.where(has_point, np.maximum(2 * count - 3, 0), 0).sum()
     spread = np.ones(seen.shape) if relative is None else relative
-    nu = np.full((len(matrices), 1, 1), DOF)
+    nu = np.full((len(matrices), 1, 1), USUAL_DOF)
     if noise is not None:
         nu, spread = noise.dof[:, None, None], spread * noise.factors
-    scale = sd_px * np.sqrt((DOF - 2) / DOF)
+    scale = sd_px * np.sqrt((USUAL_DOF - 2) / USUAL_DOF)
     weight = np.ones(seen.shape)
     xyz, cov = xyz_m, np.full((*xyz_m.shape, 3), np.nan)
     rows = np.where(count == 2, 1, 2)  # of two rays only the distance from each other is left

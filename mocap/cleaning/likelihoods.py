@@ -26,8 +26,6 @@ FAR = 6.0
 """A click is wrong if it misses by more than so many of the deviations that surer clicks have."""
 WORTHLESS = 1 / 3
 """Likelihoods at which a larger share of the clicks is wrong are not believed."""
-WORST = 10.0
-"""Deviations are multiplied by no more than that."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,7 +91,7 @@ def likelihood_noise(matrices: Array, uv_px: Array, likelihood: Array) -> Likeli
     last = worthless[-1] if len(worthless) else -1
     least = 0.0 if last < 0 else float(value[parts[last]].max())
     return LikelihoodNoise(
-        at=at, factor=np.clip(scale / reference, 1.0, WORST), wrong=wrong, least=least, scale_px=reference
+        at=at, factor=np.clip(scale / reference, 1.0, 10.0), wrong=wrong, least=least, scale_px=reference
     )
 
 

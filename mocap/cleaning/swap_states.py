@@ -23,20 +23,10 @@ Pair = tuple[int, int]
 
 CAMERAS = 4
 """Sets of exchanged cameras are gone through for so many cameras at most (16 sets)."""
-CERTAIN = 0.995
-"""An exchange is undone where it is as probable as that."""
-DOUBTED = 0.05
-"""Clicks are left out where an exchange is more probable than that, and not certain."""
 CHANGE = 7.0
 """Negative log probability that two names change in one camera between two frames."""
-RARE = 0.03
-"""Negative log probability a frame and camera of being exchanged: of two equal explanations the shorter is right."""
 SAME_ERROR_FRAMES = 4.0
 """Errors of a ray persist: so many frames count as one."""
-DISTANCES = 1.0
-"""Distances from all other markers, which depend on each other, count as so many."""
-OUTLIERS = 0.05
-"""Share of clicks that land anywhere."""
 CARRIED = 3
 """Frames over which a click is compared with the last one of its name."""
 
@@ -82,13 +72,14 @@ def settle(
     states = np.array(list(product((0, 1), repeat=len(matrices))))
     uv, spread = uv_px[:, :, list(pair)], relative[:, :, list(pair)]
     fits, points = _fits(matrices, uv, spread, states, sd_px, extent_px)
-    own = (fits + _distances(xyz_m, points, pair)) / SAME_ERROR_FRAMES - RARE * states.sum(axis=1)
+    # of two equal explanations the shorter is right
+    own = (fits + _distances(xyz_m, points, pair)) / SAME_ERROR_FRAMES - 0.03 * states.sum(axis=1)
     between = _moves(uv, _drift(uv_px), states) - CHANGE * np.abs(states[:, None] - states[None]).sum(axis=-1)
     sure = _posterior(own, between)  # (T, S)
     count = states.sum(axis=1)
     some = (count > 0) & (count < len(matrices))  # in all cameras: rays say nothing of it
     best = np.argmax(sure, axis=1)
-    certain = (sure.max(axis=1) >= CERTAIN) & some[best] & _returns(count[best], len(matrices))
+    certain = (sure.max(axis=1) >= 0.995) & some[best] & _returns(count[best], len(matrices))
     certain &= 2 * count[best] <= len(matrices)  # most cameras are right
     certain &= np.take_along_axis(fits, best[:, None], 1)[:, 0] >= fits[:, 0]  # the frame's own rays do not object
     seen = np.isfinite(uv[..., 0]).any(axis=2)
@@ -96,7 +87,7 @@ def settle(
     tells = ~(apart < 3 * sd_px * spread.max(axis=2))  # otherwise it is all the same
     exchanged = certain & (states[best].T > 0) & seen
     chance = (sure * some) @ states  # (T, C)
-    doubtful = (chance.T > DOUBTED) & ~certain & seen & tells
+    doubtful = (chance.T > 0.05) & ~certain & seen & tells  # neither certain nor excluded
     most = np.clip(sure.max(axis=1), 0.0, 1 - 1e-12)
     return Settled(exchanged=exchanged, doubtful=doubtful, odds=np.log(most / (1 - most)))
 
@@ -131,9 +122,7 @@ def _fits(
         flip = state.astype(bool)
         named, width = uv.copy(), spread.copy()
         named[flip], width[flip] = uv[flip][:, :, ::-1], spread[flip][:, :, ::-1]
-        out[:, number], points[:, number] = agreement(
-            matrices, named, width, sd_px=sd_px, detail=detail, outliers=OUTLIERS
-        )
+        out[:, number], points[:, number] = agreement(matrices, named, width, sd_px=sd_px, detail=detail, outliers=0.05)
     return out, points
 
 
@@ -155,7 +144,7 @@ def _distances(xyz_m: Array, points: Array, pair: Pair) -> Array:
             off = np.where(seen, (np.nan_to_num(now[..., k]) - median) / sd, 0.0)
             total += np.where(seen, student_log(off**2, 1) - np.log(sd), 0.0)
             count += seen
-    return DISTANCES * total / np.maximum(count / 2, 1)
+    return total / np.maximum(count / 2, 1)  # they depend on each other: all count as one
 
 
 def _drift(uv_px: Array) -> Array:

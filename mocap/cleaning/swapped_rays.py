@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import Triangulation, robust
-from mocap.cleaning.swaps import CHANGE, DOF, MARGIN, Swap, clearest, exchange, student_log
+from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.cleaning.swaps import CHANGE, MARGIN, Swap, clearest, exchange, student_log
 
 Mask = NDArray[np.bool_]
 Key = tuple[int, int, int]
@@ -24,9 +25,6 @@ OUTLIERS = 0.01
 """Share of clicks that land anywhere, in every score below."""
 FAR = 4.0
 """A ray that misses its point by so many deviations is suspected."""
-NEAR = 40.0
-"""Rays of two markers less than so many deviations apart are exchanged and tried, suspected or not."""
-ROUNDS = 6
 
 
 def exchanged_rays(matrices: Array, uv_px: Array, found: Triangulation, *, relative: Array | None = None) -> list[Swap]:
@@ -42,7 +40,7 @@ def exchanged_rays(matrices: Array, uv_px: Array, found: Triangulation, *, relat
     """
     relative = np.ones(uv_px.shape[:3]) if relative is None else relative
     uv, chosen = uv_px, []
-    for _ in range(ROUNDS):
+    for _ in range(6):
         runs = _clearest(_Rays(matrices, uv, found, relative))
         if not runs:
             break
@@ -96,7 +94,9 @@ def agreement(
     kept = np.isfinite(uv[..., 0]) & ~found.rejected & np.isfinite(found.xyz_m[..., 0])
     n, lost = kept.sum(axis=0), found.rejected.sum(axis=0)
     wrong = np.where(n >= 2, lost, np.minimum(lost, 1))  # of two rays that disagree one is right
-    miss = np.linalg.norm(uv - project(matrices, found.xyz_m), axis=-1) / (spread * sd_px * np.sqrt((DOF - 2) / DOF))
+    miss = np.linalg.norm(uv - project(matrices, found.xyz_m), axis=-1) / (
+        spread * sd_px * np.sqrt((USUAL_DOF - 2) / USUAL_DOF)
+    )
     fit = np.where(kept, student_log(np.nan_to_num(miss) ** 2, 2), 0.0).sum(axis=0)
     return (fit + detail * np.maximum(2 * n - 3, 0) + np.log(outliers) * wrong).sum(axis=1), found.xyz_m
 
@@ -164,7 +164,7 @@ class _Rays:
 
     @property
     def _scale(self) -> float:
-        return self.sd * float(np.sqrt((DOF - 2) / DOF))
+        return self.sd * float(np.sqrt((USUAL_DOF - 2) / USUAL_DOF))
 
     def completed(self, gains: Mapping[Key, dict[int, float]]) -> dict[Key, Array]:
         """(T,) gains of each pair in its camera; in frames that were not suspected what the exchange would spoil."""
@@ -193,7 +193,8 @@ class _Rays:
         most = 2 * self.detail - np.log(OUTLIERS)
         spoiled = np.minimum(-student_log((np.nan_to_num(apart) / self._scale) ** 2, 2), most)
         either = self.suspect[camera, :, a] | self.suspect[camera, :, b]
-        near = np.nan_to_num(apart, nan=np.inf) < NEAR * self.sd
+        # so near to each other rays are exchanged and tried, suspected or not
+        near = np.nan_to_num(apart, nan=np.inf) < 40.0 * self.sd
         return -spoiled * (seen_a.astype(int) + seen_b), either | near
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
+from mocap.cleaning.click_noise import USUAL_DOF
 
 Mask = NDArray[np.bool_]
 Bones = NDArray[np.int64]
@@ -25,16 +26,8 @@ REPAIRS = {
 """How a sample was repaired, by the key that reports use."""
 DOUBTFUL = {"doubtful_name": "next to an identity switch, or isolated on another marker's path: identity ambiguous"}
 """Why a sample was rejected here, by the key that reports use."""
-UNBROKEN = 30.0
-"""Negative log probability that two markers change names while one of them goes on straight in full view."""
-JUMPED = 11.0
-"""By how much less improbable a change of names is where one of the two, alone in view, jumps to the other's way."""
-RARE = 0.02
-"""Negative log probability a frame of being exchanged: of two states that nothing tells apart the longer is right."""
 STEP = 3
 """Frames over which a marker that was not seen in between may be recognised by its straight path."""
-DOF = 4.0
-"""Degrees of freedom of the Student's t errors in every likelihood below: neither digitisers nor animals are normal."""
 CHANGE = 12.0
 """Negative log probability that two given markers change names between two given frames (one in 160 000)."""
 MARGIN = 8.0
@@ -241,9 +234,12 @@ def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tup
         return [], unsure
     bends = _bends(xyz_m[frames][:, [a, b]], frames, float(max(bend_m[a], bend_m[b])))
     nearest = np.searchsorted((frames[1:] + frames[:-1]) / 2, np.arange(len(xyz_m)))
-    own = np.bincount(nearest, for_exchange, len(frames)) - RARE
+    # of two states that nothing tells apart the longer is right
+    own = np.bincount(nearest, for_exchange, len(frames)) - 0.02
     two, bend = xyz_m[:, [a, b]], bend_m[[a, b]]
-    change = CHANGE + UNBROKEN * unbroken(two, frames, bend) - JUMPED * jumped(two, frames, bend)
+    # a change is next to impossible while one goes on straight in full view, and likely where one, alone in view,
+    # jumps to the other's way
+    change = CHANGE + 30.0 * unbroken(two, frames, bend) - 11.0 * jumped(two, frames, bend)
     state = _most_likely(bends, own, change)
     score = _score(bends, own, change, state)
     runs, kept = [], np.zeros_like(state)
@@ -463,7 +459,8 @@ def belonging(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], b
 
 def student_log(squares: Array, size: int) -> Array:
     """Log density of Student's t in ``size`` dimensions at squared standardised distances, less that at its centre."""
-    return -0.5 * (DOF + size) * np.log1p(squares / DOF)
+    # neither digitisers nor animals are normal
+    return -0.5 * (USUAL_DOF + size) * np.log1p(squares / USUAL_DOF)
 
 
 def usual_length(length_m: Array) -> tuple[float, float] | None:

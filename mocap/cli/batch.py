@@ -19,8 +19,6 @@ from mocap.cli.options import AsJson, RecordingOptions, with_records
 if TYPE_CHECKING:
     from mocap.batches.run import Progress
 
-EVERY_S = 10.0
-"""Where there is no terminal, a line is said so often."""
 MOST = 10
 """Reasons why trials were not tracked that are printed."""
 
@@ -142,7 +140,7 @@ class _Lines:
     def __call__(self, progress: "Progress") -> None:
         doing = [visible(does) for _, does in sorted(progress.workers.items())]
         line = "; ".join([_line(progress), *doing])
-        if monotonic() - self.at_s >= EVERY_S and line != self.said:
+        if monotonic() - self.at_s >= 10.0 and line != self.said:
             self.at_s, self.said = monotonic(), line
             say(line)
 

@@ -15,7 +15,7 @@ from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
 from mocap.cli.compare_joints import compare_joints
 from mocap.cli.console import in_words_of, say, say_error, show_text, talk_in_any_encoding, visible
-from mocap.cli.convert import convert
+from mocap.cli.convert import convert, triangulate
 from mocap.cli.data import data
 from mocap.cli.demo import demo
 from mocap.cli.design_joint import design_joint
@@ -24,15 +24,12 @@ from mocap.cli.digitise import digitise
 from mocap.cli.help import help_
 from mocap.cli.info import info
 from mocap.cli.kinematics import kinematics
-from mocap.cli.label import label
-from mocap.cli.learn import learn
+from mocap.cli.learn import label, learn
 from mocap.cli.options import Command
 from mocap.cli.reproduce import reproduce
-from mocap.cli.share import share
 from mocap.cli.skeleton import skeleton
 from mocap.cli.track import track
-from mocap.cli.triangulate import triangulate
-from mocap.cli.view import view
+from mocap.cli.view import share, view
 from mocap.errors import MocapError, shown_elsewhere
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"

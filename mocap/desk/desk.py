@@ -17,9 +17,8 @@ from typing import Any
 from mocap import audit
 from mocap.batches.find import PLAN, find_trials
 from mocap.batches.known import Options, known, read_record
-from mocap.batches.manifest import read_manifest, write_manifest
 from mocap.batches.run import batch
-from mocap.batches.trial import Trial
+from mocap.batches.trial import Trial, read_manifest, write_manifest
 from mocap.cameras.arrangement import ArrangementError
 from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof

@@ -13,8 +13,7 @@ from eal.arrays import Array
 from mocap.batches.trial import Trial
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear
-from mocap.desk.overlays import listed
-from mocap.desk.pictures import Pictures, pictures_of
+from mocap.desk.pictures import Pictures, listed, pictures_of
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file
@@ -153,7 +152,15 @@ class Draft:
         names = [name.strip() for name in names]
         new = {before: now for before, now in zip(old, names, strict=True) if before}
         table = from_toml(skeleton_text(self.skeleton), self.skeleton.name)
-        measures = _renamed(_without(table.get("measures", {}), dropped), new)
+        # measures but for some
+        out = {}
+        for kind, entry in table.get("measures", {}).items():
+            gone = {name for of, name in dropped if of == kind}
+            if isinstance(entry, Mapping):
+                out[kind] = {name: value for name, value in entry.items() if name not in gone}
+            else:
+                out[kind] = [one for one in entry if str(one) not in gone] if isinstance(entry, list) else entry
+        measures = _renamed(out, new)
         there = {*joints, *(joint.name for joint in self.skeleton.body_joints)}
         measures["axes"] = {name: axes for name, axes in measures.get("axes", {}).items() if name in there}
         return replace(
@@ -171,21 +178,8 @@ class Draft:
 
 
 def _said(entry: Any, name: str) -> str:
-    """The markers of a measure, for a person."""
     value = entry[name] if isinstance(entry, Mapping) else ""
     return ", ".join(str(part) for part in value) if isinstance(value, list) else ""
-
-
-def _without(measures: Mapping[str, Any], dropped: Sequence[tuple[str, str]]) -> dict[str, Any]:
-    """Measures but for some."""
-    out = {}
-    for kind, entry in measures.items():
-        gone = {name for of, name in dropped if of == kind}
-        if isinstance(entry, Mapping):
-            out[kind] = {name: value for name, value in entry.items() if name not in gone}
-        else:
-            out[kind] = [one for one in entry if str(one) not in gone] if isinstance(entry, list) else entry
-    return out
 
 
 def _renamed(entry: Any, names: Mapping[str, str], key: str = "") -> Any:

@@ -199,7 +199,7 @@ def _scene_routes(recording: Callable[[], bytes]) -> list[Route]:
 
     def viewer(name: str, kind: str) -> Route:
         def work(_: _File) -> Response:
-            from mocap.rerun.points import viewer_files
+            from mocap.rerun.record import viewer_files
 
             headers = {"Content-Security-Policy": _VIEWER_POLICY, "X-Frame-Options": "SAMEORIGIN"}
             return Response(viewer_files("points.rrd")[name], media_type=kind, headers=headers)

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
-from mocap.desk.overlays import drawn, ellipses, epipolar_lines, listed
-from mocap.desk.pictures import Pictures, pictures_of
+from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
 from mocap.errors import MocapError
 from mocap.pipeline.by_hand import errors_left, straightened, with_hand
 from mocap.pipeline.cleaning import clean
@@ -28,9 +27,6 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.retrack import AROUND, tracked_again
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
-
-MOST = 300
-"""Places that are listed; a person works from the top, and the list is made anew after each correction."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +97,8 @@ def places(tracks: MarkerTracks, measured_m: Array, done: NDArray[np.bool_]) -> 
                 }.get(status, f"not seen for {n} frames")
                 bounds = (at, at) if whole else (int(first), int(stop) - 1)
                 found.append(Place(frame=at, marker=m, first=bounds[0], last=bounds[1], worth_m2=total, why=why))
-    return sorted(found, key=lambda place: -place.worth_m2)[:MOST]
+    # a person works from the top, and the list is made anew after each correction
+    return sorted(found, key=lambda place: -place.worth_m2)[:300]
 
 
 @dataclass(eq=False, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.desk.overlays import drawn, ellipses, epipolar_lines, listed
+from mocap.desk.pictures import drawn, ellipses, epipolar_lines, listed
 from mocap.desk.proof import Place
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
@@ -142,7 +142,7 @@ class Session:
 
     def scene(self) -> bytes:
         """The positions that were found, as a recording of rerun."""
-        from mocap.rerun.points import write_points
+        from mocap.rerun.record import write_points
 
         with TemporaryDirectory() as place:
             path = Path(place) / "points.rrd"

@@ -10,13 +10,6 @@ from mocap.digitising.clicks import places
 from mocap.digitising.engine import CLICK_SD_PX, Engine
 from mocap.digitising.naming import seen_from
 
-_TRIED = 7
-"""Frames of a stretch that are considered."""
-_LASTS = 5.0
-"""Frames for which a camera goes on to show a marker, or not to."""
-_WORST = 5.0
-"""A position that is known worse than so many times the stated error counts as if it were known so well."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
@@ -79,13 +72,14 @@ def questions(engine: Engine, *, error_px: float, most: int) -> list[Question]:
     for marker, run in runs:
         frames = np.arange(*run)
         variance = np.trace(tracks.cov_m2[frames, marker], axis1=1, axis2=2)
-        variance = variance * np.minimum(1.0, _WORST * error_px / sd_px[frames, marker]) ** 2
+        # a position known worse counts as if it were known so well
+        variance = variance * np.minimum(1.0, 5.0 * error_px / sd_px[frames, marker]) ** 2
         sd = np.sqrt(np.maximum(variance, 1e-18))
         share = (np.minimum(sd[:, None], sd) / np.maximum(sd[:, None], sd)) ** 2
         gains = share @ variance
         # of equal gains the middle: it halves what is left
         gains = gains * (1 - 1e-3 * np.abs(frames - frames.mean()) / max(len(frames), 1))
-        tried = np.unique([int(np.argmax(gains)), *np.linspace(0, len(frames) - 1, _TRIED).astype(int)])
+        tried = np.unique([int(np.argmax(gains)), *np.linspace(0, len(frames) - 1, 7).astype(int)])
         seen, gone = shown[:, :, marker], hidden[:, :, marker]
         asked = []
         for at in tried:
@@ -106,7 +100,8 @@ def in_sight(shown: NDArray[np.bool_], hidden: NDArray[np.bool_], frame: int) ->
         hidden: (C, T) True where it does not, as a person said, or as others do.
         frame: The frame.
     """
-    near = np.exp(-np.abs(np.arange(shown.shape[1]) - frame) / _LASTS)
+    # frames for which a camera goes on to show a marker, or not to
+    near = np.exp(-np.abs(np.arange(shown.shape[1]) - frame) / 5.0)
     yes, no = (np.max(near * where, axis=1) for where in (shown, hidden))
     return (yes + 0.02) / (yes + no + 0.04)
 

@@ -26,7 +26,6 @@ from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton, read_skeleton
 
 PathText = str | PathLike[str]
-ERROR_PX = 1.0
 
 
 @dataclass(eq=False)
@@ -171,7 +170,7 @@ def digitise(
     fps: float | None = None,
     offset_frames: Sequence[int] | None = None,
     crop: PathText | Sequence[PathText] | None = None,
-    error_px: float = ERROR_PX,
+    error_px: float = 1.0,
     progress: Progress = lambda _stage, _share: None,
 ) -> Digitised:
     """Find and name markers in the films of calibrated cameras.

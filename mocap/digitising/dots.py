@@ -11,8 +11,6 @@ from eal.arrays import Array
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 _RADII_PX = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.5, 11.0)
-MOST = 250
-"""No more dots than so many are kept of a picture, the strongest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +101,7 @@ def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0)) ->
     inside = (u > 0) & (v > 0) & (u < grey.shape[1] - 1) & (v < grey.shape[0] - 1)
     u, v = u[inside], v[inside]
     strength = found[v, u]
-    order = np.argsort(-strength)[:MOST]
+    order = np.argsort(-strength)[:250]  # the strongest
     u, v, strength = u[order], v[order], strength[order]
     around = np.log(np.maximum([[found[v + j, u + i] for i in (-1, 0, 1)] for j in (-1, 0, 1)], 1e-3))
     du, dv = _top(around.mean(axis=0)), _top(around.mean(axis=1))

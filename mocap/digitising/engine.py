@@ -31,22 +31,11 @@ from mocap.io.movies import FIRST_PIXEL
 from mocap.skeleton import Skeleton
 
 CLICK_SD_PX = 1.0
-_FIRST_LOG_SD = 0.25
-"""Standard deviation of the logarithm of how strongly a marker's dot responds, before it is measured."""
 _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
 """Speeds that are tried at the start, in lengths of the animal a frame."""
 _TRIAL_FRAMES = 3
 _WIDE_PX = 60.0
 _PIECES, _PIECE = 10, 20
-_UNEVEN = 100.0
-"""Jerk is not white: its density is at most so many times that which third differences have."""
-_LOOKS, _NEAR_PX = 8, 2.5
-"""Frames whose clicks tell what dots look like, and how near a click its dot is."""
-_TEXTURE_SCALE = 1.5
-_LOST = 10
-"""A texture that is not found in more frames than these is not looked for any more."""
-_APART = 20
-"""Clicks farther apart than so many frames are named one after the other."""
 _LEARN_AT = (30, 60, 120, 240, 480, 960)
 
 Progress = Callable[[str, float], None]
@@ -196,7 +185,6 @@ class Engine:
         return out
 
     def _sort_clicks(self) -> None:
-        """Clicks by their frames, in their order."""
         self.by_frame: dict[int, list[Click]] = {}
         for click in self.clicks:
             self.by_frame.setdefault(click.frame, []).append(click)
@@ -326,7 +314,7 @@ class Engine:
             self.observer.radius_px = self.look.radius_px
             n_cameras = len(self.cameras)
             usual = np.full(n_cameras, np.log(4 * self.look.least))
-            self.strength = Strength(log_median=usual, log_sd=np.full(n_cameras, _FIRST_LOG_SD))
+            self.strength = Strength(log_median=usual, log_sd=np.full(n_cameras, 0.25))  # before it is measured
         state: State | None = None
         waiting: list[int] = []
         for frame, pictures in enumerate(self.films.pictures()):
@@ -362,7 +350,7 @@ class Engine:
     def _look(self, start: int) -> DotLook | None:
         """What dots look like where markers were clicked; markers whose clicks mostly show none are textures."""
         pictures, places, markers = [], [], []
-        for frame in (start, *sorted(set(self.by_frame) - {start})[:_LOOKS]):
+        for frame in (start, *sorted(set(self.by_frame) - {start})[:8]):
             uv = self._clicked(frame)
             for c in range(len(self.cameras)):
                 there = np.flatnonzero(np.isfinite(uv[c, :, 0]))
@@ -379,7 +367,7 @@ class Engine:
             if found is not None:
                 strong = find_dots(picture, replace(found, least=2 * found.least))
                 away = np.linalg.norm(strong[:, None, :2] - uv, axis=-1)
-                dots[which] += (away < max(_NEAR_PX, found.radius_px)).any(axis=0)
+                dots[which] += (away < max(2.5, found.radius_px)).any(axis=0)
         self.observer.textured = (clicks > 0) & (dots < 0.5 * clicks)
         return found
 
@@ -439,7 +427,8 @@ class Engine:
                     far = 3 * float(np.sqrt(max(spread[0, 0], spread[1, 1])))
                 point = followed(point, picture, guess, far)
                 lost = 0 if point.before is not None else lost + 1
-                if lost > _LOST or any((k.camera, k.marker) == (c, m) for k in self.by_frame.get(frame, ())):
+                # not found in more frames than these, a texture is not looked for any more
+                if lost > 10 or any((k.camera, k.marker) == (c, m) for k in self.by_frame.get(frame, ())):
                     break
                 if point.before is not None:
                     self._keep_texture(frame, c, m, point, corrects=corrects)
@@ -492,7 +481,14 @@ class Engine:
         named, state = self._observed(frame, ahead)
         self._take(frame, named)
         self.tracks.density[frame] = self.density
-        self._adapt(named)
+        # follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found
+        known = np.isfinite(named.surprise)
+        ratio = np.clip(named.surprise[known], 0.0, 30.0)
+        self.density[known] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
+        self.density[named.rays == 0] *= 1.3
+        self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
+        floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
+        self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
         self.observer.measure_bones(named)
         if self.own_poses and frame + 1 in _LEARN_AT:
             self.learn_poses(frame + 1)
@@ -513,16 +509,6 @@ class Engine:
         cov[lost] = np.diag(spread**2)
         return State(x, cov)
 
-    def _adapt(self, named: Named) -> None:
-        """Follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found."""
-        known = np.isfinite(named.surprise)
-        ratio = np.clip(named.surprise[known], 0.0, 30.0)
-        self.density[known] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
-        self.density[named.rays == 0] *= 1.3
-        self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
-        floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
-        self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
-
     def _limit_density(self) -> None:
         """Limit the density of the jerk by what the named positions show: a marker that was lost leaves no trace."""
         t = self.tracks
@@ -531,7 +517,8 @@ class Engine:
         if np.isfinite(found).any():
             found = np.where(np.isfinite(found), found, np.nanmedian(found))
             # feet are at rest and then swing: the jerk of a marker's fast times counts at all times
-            t.density[:] = np.minimum(t.density, _UNEVEN * np.maximum(found, np.quantile(found, 0.9, axis=0)))
+            # jerk is not white: its density is at most a hundred times that which third differences have
+            t.density[:] = np.minimum(t.density, 100.0 * np.maximum(found, np.quantile(found, 0.9, axis=0)))
 
     def _take(self, frame: int, named: Named) -> None:
         t = self.tracks
@@ -646,7 +633,8 @@ class Engine:
     def _all_about(self, changed: Sequence[int], within: bool) -> tuple[int, int]:
         """Name frames again that were changed, and what that changes, each group of neighbours on its own."""
         frames = np.asarray(changed)
-        groups = [frames] if within else np.split(frames, np.flatnonzero(np.diff(frames) > _APART) + 1)
+        # clicks farther apart are named one after the other
+        groups = [frames] if within else np.split(frames, np.flatnonzero(np.diff(frames) > 20) + 1)
         ranges = [self._about(int(group[0]), int(group[-1]), within) for group in groups]
         return min(first for first, _ in ranges), max(last for _, last in ranges)
 
@@ -735,13 +723,13 @@ class Engine:
     def _texture_errors(self, uv: Array, frames: NDArray[np.int64]) -> None:
         """Errors of textures last: what a template misses by is missed again.
 
-        Their size is that of how rays meet, but at least ``_TEXTURE_SCALE`` of what is stated of each: what passes by
+        Their size is that of how rays meet, but at least 1.5 of what is stated of each: what passes by
         pulls a point in all films alike.
         """
         textured, n = self.observer.textured, len(self.names)
         own = [self._sd_px(frame)[(self.tracks.owner[frame] >= 0)] for frame in frames.tolist()]
         own_sd = np.concatenate(own)
-        scale = _TEXTURE_SCALE
+        scale = 1.5
         with suppress(ValueError):  # no texture is seen by two cameras
             usual = float(np.median(own_sd[np.isfinite(own_sd)])) if np.isfinite(own_sd).any() else np.nan
             found = triangulate.apparent_sd(self.matrices, uv) / usual

@@ -22,7 +22,6 @@ from mocap.io.movies import PICTURES, Movie, by_number, open_movie
 
 AHEAD = 4
 """So many frames of each film are decoded before they are asked for."""
-_MOST_CAMERAS = 6
 _MISFIT = 4.0
 
 
@@ -221,7 +220,7 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
     if not found > _MISFIT * sd_px:
         return
     every = range(len(cameras))
-    if len(every) <= _MOST_CAMERAS:
+    if len(every) <= 6:
         orders = list(permutations(every))
     else:
         orders = [tuple({i: j, j: i}.get(k, k) for k in every) for i, j in combinations(every, 2)]
@@ -241,7 +240,6 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
 
 
 def _misfit(cameras: Sequence[Camera], uv_px: Array) -> float:
-    """Median residual in pixels of points that two or more cameras see."""
     ideal, matrices = undistorted(cameras, uv_px), stacked(cameras)
     xyz_m = triangulate.linear(matrices, ideal)
     residual = triangulate.residual_px(matrices, ideal, xyz_m)

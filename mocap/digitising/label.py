@@ -11,10 +11,7 @@ from mocap.digitising.pose import LEAST, PoseGaussian
 from mocap.digitising.register import GATE, SURE, recognise, unlikely
 from mocap.errors import MocapError
 
-_ANCHORS, _SAMPLES, _LAGS = 12, 12, 30
-_NEEDED_MARGIN = 12.0
-_GHOSTS = 2.0
-"""A point is rather a marker than a ghost, by e."""
+_SAMPLES, _LAGS = 12, 30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,13 +173,13 @@ class _State:
         lasting[named >= LEAST] = 0
         tried = 0
         done = False
-        while tried < _ANCHORS and lasting.max(initial=0) >= LEAST:
+        while tried < 12 and lasting.max(initial=0) >= LEAST:
             frame = int(np.argmax(lasting))
             lasting[max(frame - len(lasting) // 30 - 5, 0) : frame + len(lasting) // 30 + 6] = 0
             columns = np.flatnonzero(seen[frame])
             found = recognise(self.xyz[frame, columns], self.poses)
             tried += 1
-            if found is None or found.margin < _NEEDED_MARGIN or found.sure.sum() < 0.5 * (found.point >= 0).sum():
+            if found is None or found.margin < 12.0 or found.sure.sum() < 0.5 * (found.point >= 0).sum():
                 continue
             here = {self.segments[i].column: i for i in self.present(frame)}
             for marker in np.flatnonzero(found.sure):
@@ -261,7 +258,7 @@ class _State:
             marker = int(np.argmin(cost))
             if not self.fits(i, marker, guesses):
                 continue
-            rest = np.append(np.delete(cost, marker), self.ghost + _GHOSTS)
+            rest = np.append(np.delete(cost, marker), self.ghost + 2.0)  # rather a marker than a ghost, by e
             margin = float(rest.min(initial=np.inf) - cost[marker])
             rivals = [
                 c[marker] - cost[marker]

@@ -21,7 +21,6 @@ from mocap.pipeline.learning import Model, load_model
 from mocap.records import marker_tracks
 
 PathText = str | PathLike[str]
-_RANK = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +97,18 @@ def label(
         raise FormatError(f"{Path(tracks).name}: contains no positions ({contents.format}): give trajectories in space")
     learned: LearnedModel = (model if isinstance(model, Model) else load_model(model)).learned
     trunk = [learned.names.index(name) for name in learned.trunk if name in learned.names]
-    poses = fit_poses(np.concatenate([trial.xyz_m for trial in learned.trials]), trunk, rank=_RANK)
+    poses = fit_poses(np.concatenate([trial.xyz_m for trial in learned.trials]), trunk, rank=12)
     if poses is None:
         raise FormatError("`model`: its trials hold too few poses that show half of the markers: learn it from more")
     found = label_segments(contents.points.xyz_m, poses)
     named, left = found.tracks(contents.points.xyz_m, len(learned.names))
     left = packed(left)
-    extra = _numbered(left.shape[1], learned.names)
+    count = left.shape[1]
+    extra, number = [], 0
+    while len(extra) < count:
+        number += 1
+        if f"U_{number}" not in learned.names:
+            extra.append(f"U_{number}")
     points = marker_tracks((*learned.names, *extra), contents.points.t_s, np.concatenate([named, left], axis=1))
     clean = replace(contents, names=points.names, points=points, animals=(), score=None, tables={})
     return LabelledRecording(clean, found, learned.names)
@@ -125,12 +129,3 @@ def packed(left: np.ndarray) -> np.ndarray:
         else:
             columns.append(column.copy())
     return np.stack(columns, axis=1) if columns else np.zeros((len(left), 0, 3))
-
-
-def _numbered(count: int, taken: tuple[str, ...]) -> list[str]:
-    out, number = [], 0
-    while len(out) < count:
-        number += 1
-        if f"U_{number}" not in taken:
-            out.append(f"U_{number}")
-    return out

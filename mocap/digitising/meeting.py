@@ -9,12 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from eal.arrays import Array
 from mocap.digitising.naming import MARGIN, seen_from
 
-MOST_RAYS = 24
-_GATE = 16.3
-"""Chi-square of three degrees of freedom that one right point in a thousand exceeds."""
 _FAR = 1e6
-PATH_SD = 0.03
-"""Standard deviation of how long bones are together, as a share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +45,7 @@ def meetings(matrices: Array, dots: Array, free: NDArray[np.bool_], *, sd_px: fl
     n_cameras = len(matrices)
     nothing = np.zeros((0, 3)), np.zeros((0, n_cameras), dtype=np.int64)
     # dots are sorted by their response: the strongest
-    camera, dot = np.nonzero(free & (np.cumsum(free, axis=1) <= MOST_RAYS))
+    camera, dot = np.nonzero(free & (np.cumsum(free, axis=1) <= 24))
     if not len(camera) or camera[0] == camera[-1]:
         return nothing
     inverse = np.linalg.inv(matrices[:, :, :3])
@@ -127,7 +122,8 @@ def name_points(
     spread = cov_m2[markers] + error_m**2 * np.eye(3)
     d2 = np.einsum("lni,lij,lnj->ln", away, np.linalg.inv(spread), away)
     count = (made >= 0).sum(axis=1)
-    cost = np.where(d2 < _GATE, d2 + np.log(np.linalg.det(spread / error_m**2))[:, None], _FAR)
+    # chi-square of 3 degrees of freedom that one right point in a thousand exceeds
+    cost = np.where(d2 < 16.3, d2 + np.log(np.linalg.det(spread / error_m**2))[:, None], _FAR)
     cost -= 8.0 * (count - 2)  # a chance meeting of a further ray is rare
     if faint is not None:
         cost += np.where(made >= 0, faint[np.arange(len(faint)), np.maximum(made, 0)], 0.0).sum(axis=1)
@@ -195,7 +191,8 @@ def violated(at: Array, cov_m2: Array, bones: Lengths, farthest_m: Array) -> NDA
     a, b = bones.ends.T
     with np.errstate(invalid="ignore"):
         excess = long - farthest_m
-        wrong = np.triu(excess > 5 * np.sqrt(variance + (PATH_SD * farthest_m) ** 2))
+        # 0.03: standard deviation of how long bones are together, as a share
+        wrong = np.triu(excess > 5 * np.sqrt(variance + (0.03 * farthest_m) ** 2))
         wrong[a, b] = np.abs(long[a, b] - bones.length_m) > 5 * np.sqrt(variance[a, b] + bones.sd_m**2)
     return np.argwhere(wrong)
 

@@ -12,17 +12,11 @@ GATE = 18.4
 """Chi-square of two degrees of freedom that one right dot in ten thousand exceeds: the window of a marker."""
 MARGIN = 7.0
 """A name is given where every other one is less likely by exp(3.5), 33 times."""
-RAY_GATE = 16.0
 UNSEEN = GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
 _FAR = 1e6
-ROUNDS = 3
 MERGED = 0.25
 """Standard deviation of a dot of two markers in one, as a share of the distance at which two dots are apart."""
-LONE_SD_PX = 1.0
-"""Least standard deviation of a ray that no other one checks."""
-NARROW_PX = 3.0
-"""A dot that only one camera shows is named in windows of less than this standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +115,7 @@ def name_dots(
     if owner is not None and textured.any():
         mine = owner[:, None] == np.arange(n_markers)[:, None]
         others |= ~mine & (textured[:, None] | (owner >= 0)[:, None])
-    for _ in range(ROUNDS):
+    for _ in range(3):
         before = assigned
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
@@ -273,7 +267,7 @@ def _fused(
         else:
             seen, sd = np.full((*dot.shape, 2), np.nan), np.ones(dot.shape)
         sd = np.maximum(sd, np.where(has, loose[:, todo], 0.0))
-        sd = np.where(alone[todo] & (has.sum(axis=0) == 1), np.maximum(sd, LONE_SD_PX), sd)
+        sd = np.where(alone[todo] & (has.sum(axis=0) == 1), np.maximum(sd, 1.0), sd)  # no other ray checks it
         if clicks is not None:
             seen = np.where(clicked[:, todo, None], clicks[:, todo], seen)
             sd = np.where(clicked[:, todo], 1.0, sd)
@@ -284,7 +278,7 @@ def _fused(
         miss = np.where(has[..., None], seen - uv, 0.0)
         left = (miss[..., 0] ** 2 + miss[..., 1] ** 2) / sd**2
         worst = np.where(known[:, todo] >= 0, 0.0, left)
-        bad = worst.max(axis=0) > RAY_GATE
+        bad = worst.max(axis=0) > 16.0
         if not bad.any():
             break
         m, pair = todo[bad], has[:, bad].sum(axis=0) == 2
@@ -300,7 +294,7 @@ def _narrow(matrices: Array, xyz_m: Array, cov_m2: Array) -> NDArray[np.bool_]:
     _, jacobian = seen_from(matrices, xyz_m)
     s = window_cov(jacobian, cov_m2, 0.0)
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.maximum(s[..., 0, 0], s[..., 1, 1]) < NARROW_PX**2)
+        return np.asarray(np.maximum(s[..., 0, 0], s[..., 1, 1]) < 3.0**2)
 
 
 def update(

@@ -12,14 +12,8 @@ from mocap.digitising.motion import State, positioned
 from mocap.digitising.naming import GATE, Named, away2, name_dots, seen_from, window_cov
 from mocap.digitising.pose import PoseGaussian
 
-MOST_ERROR = 3.0
-"""Lengths of bones follow measurements that differ by more than so many standard deviations only so far."""
 APART = 2.2
 """Two dots closer than so many radii are one."""
-FAINTEST = 9.0
-"""Dots that respond less than a marker's usually do by three standard deviations make no point in space."""
-_POSE_COUNTS = 1 / 6
-"""What the other markers tell of one that is not seen errs alike for about so many frames."""
 
 
 @dataclass(eq=False)
@@ -94,7 +88,8 @@ class Observer:
             guess = self.poses.given(named.xyz_m, (named.rays >= 2) & ~self.textured)
         if guess is not None:
             better = lost & (np.trace(guess[1], axis1=1, axis2=2) < 4 * np.trace(state.cov_m2, axis1=1, axis2=2))
-            xyz, cov = _weighted(state.xyz_m, state.cov_m2, guess[0], guess[1] / _POSE_COUNTS, better)
+            # what the other markers tell of one that is not seen errs alike for about six frames
+            xyz, cov = _weighted(state.xyz_m, state.cov_m2, guess[0], guess[1] / (1 / 6), better)
             state = positioned(state, xyz, cov, better)
         if lost.any():
             state = self._within_bones(state, named)
@@ -116,7 +111,7 @@ class Observer:
             return None
         free = np.isfinite(ideal[..., 0])
         if faint is not None:
-            free &= faint < FAINTEST
+            free &= faint < 9.0  # three standard deviations fainter
         for c in range(len(free)):
             dots = named.dot[c][named.rays >= 2]
             free[c, dots[dots >= 0]] = False
@@ -199,7 +194,7 @@ class Observer:
         # 3 % at first, as if from five measurements
         sd = np.where(np.isnan(self.lengths.sd_m), 0.03 * long, self.lengths.sd_m)
         # a wrong name is not to teach a wrong length
-        error = np.clip(error, -MOST_ERROR * sd, MOST_ERROR * sd)
+        error = np.clip(error, -3.0 * sd, 3.0 * sd)
         share_sd = 1 / np.clip(self.measured + 5, 6, 100)
         sd = np.where(both, np.sqrt(np.maximum(sd**2 + (error**2 - sd**2) * share_sd, 0.0)), sd)
         mean = mean + error * share

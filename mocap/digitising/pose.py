@@ -137,12 +137,8 @@ def _fitted(points: Array, body: NDArray[np.bool_], rank: int, least_sd_m: float
         y[frame] = (points[frame] - shift) @ rotation
     rank = max(1, min(rank, len(y) // 4))
     found = principal_components(y.reshape(len(y), -1), rank, iterations=15)
-    loading = (found.loading @ _root(found.scores)).reshape(*y.shape[1:], rank)
+    # (r, r) square root of the second moment of scores
+    values, vectors = np.linalg.eigh(found.scores.T @ found.scores / len(found.scores))
+    loading = (found.loading @ (vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)).reshape(*y.shape[1:], rank)
     noise = max(2.0 * found.noise, least_sd_m**2)
     return PoseGaussian(found.mean.reshape(-1, 3), loading, noise, np.full(points.shape[1], noise), body)
-
-
-def _root(scores: Array) -> Array:
-    """(r, r) square root of the second moment of scores."""
-    values, vectors = np.linalg.eigh(scores.T @ scores / len(scores))
-    return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T

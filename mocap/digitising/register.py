@@ -15,7 +15,6 @@ GATE = 16.3
 SURE = 12.0
 """A name is given where every other one is less likely by exp(6), 400 times."""
 _DOF = 5.0
-_TRIPLES, _TRIED, _KEPT = 10, 1500, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +61,7 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
             guesses.append((float(np.minimum(near**2, 3 * GATE).sum()), three, triple))
     guesses.sort(key=lambda guess: guess[0])
     found: dict[tuple[int, ...], float] = {}
-    for _, three, triple in guesses[:_KEPT]:
+    for _, three, triple in guesses[:40]:
         point = np.full(len(poses.mean), -1)
         point[list(triple)] = three
         point, cost = settled(points, poses, point)
@@ -174,7 +173,7 @@ def _triples(poses: PoseGaussian) -> list[tuple[int, int, int]]:
         if used[list(triple)].max() < 3:
             out.append(triple)
             used[list(triple)] += 1
-        if len(out) == _TRIPLES:
+        if len(out) == 10:
             break
     return out
 
@@ -192,6 +191,6 @@ def _matching(far: Array, poses: PoseGaussian, triple: tuple[int, int, int]) -> 
     third = bc[q] + ac[p]
     which, r = np.nonzero((bc[q] < 9) & (ac[p] < 9))
     total = ab[p[which], q[which]] + third[which, r]
-    order = np.argsort(total)[:_TRIED]
+    order = np.argsort(total)[:1500]
     found = zip(p[which][order].tolist(), q[which][order].tolist(), r[order].tolist(), strict=True)
     return [(x, y, z) for x, y, z in found if len({x, y, z}) == 3]

@@ -18,10 +18,7 @@ HALF_PX = 7
 """Half the width of a template, less half a pixel."""
 _ROOM_PX = 13
 _ALIKE, _APART = 0.7, 0.1
-_COVERED = 0.05
-"""Share of a template that may be brighter or darker than its middle, beyond what was so when it was taken."""
-_RETURNS_PX, _MOVES_PX = 0.5, 2.0
-CLICK_PX, MATCH_PX, CHANGE_PX = 0.5, 0.2, 0.6
+CLICK_PX = 0.5
 """Standard deviations of a coordinate: of a click, of a match, and that each change of template adds."""
 MOST_REACH_PX = 60.0
 
@@ -76,9 +73,9 @@ def followed(last: Followed, picture: Grey, guess: Array, reach_px: float) -> Fo
         flow = _aligned(last.before, last.template, picture, middle)
         if flow is not None:
             fits = _aligned(last.template.patch, last.template, picture, flow)
-            if fits is not None and np.linalg.norm(fits - flow) < _MOVES_PX + 3 * last.sd_px:
+            if fits is not None and np.linalg.norm(fits - flow) < 2.0 + 3 * last.sd_px:
                 return _found(last.template, picture, fits)
-            sd_px = float(np.hypot(last.sd_px, CHANGE_PX))
+            sd_px = float(np.hypot(last.sd_px, 0.6))  # that each change of template adds
             patch = _patch(picture, flow)
             return Followed(uv=flow, sd_px=sd_px, template=Template(patch=patch, sd_px=sd_px), before=patch)
     place = _searched(last.template, picture, guess, min(max(reach_px, 3.0), MOST_REACH_PX))
@@ -90,7 +87,7 @@ def followed(last: Followed, picture: Grey, guess: Array, reach_px: float) -> Fo
 
 
 def _found(template: Template, picture: Grey, uv: Array) -> Followed:
-    sd_px = float(np.hypot(template.sd_px, MATCH_PX))
+    sd_px = float(np.hypot(template.sd_px, 0.2))
     return Followed(uv=uv, sd_px=sd_px, template=template, before=_patch(picture, uv))
 
 
@@ -120,13 +117,13 @@ def _aligned(patch: NDArray[np.uint8], template: Template, picture: Grey, guess:
     size = (2 * HALF_PX + 1, 2 * HALF_PX + 1)
     there, ok, _ = cv2.calcOpticalFlowPyrLK(patch, here, middle, np.empty(0), winSize=size, maxLevel=2)
     back, ok_back, _ = cv2.calcOpticalFlowPyrLK(here, patch, there, np.empty(0), winSize=size, maxLevel=2)
-    if not (ok[0, 0] and ok_back[0, 0] and np.linalg.norm(back - middle) < _RETURNS_PX):
+    if not (ok[0, 0] and ok_back[0, 0] and np.linalg.norm(back - middle) < 0.5):
         return None
     uv = guess + (there - middle)[0, 0].astype(np.float64)
     now, first = np.clip(_patch(picture, uv, HALF_PX), low, high), _middle(template.patch)
     covered = np.mean((now == low) | (now == high)) - np.mean((first <= low) | (first >= high))
     alike = cv2.matchTemplate(now, _middle(patch), cv2.TM_CCOEFF_NORMED)
-    return uv if float(alike[0, 0]) > _ALIKE and covered < _COVERED else None
+    return uv if float(alike[0, 0]) > _ALIKE and covered < 0.05 else None
 
 
 def _middle(patch: NDArray[np.uint8]) -> NDArray[np.uint8]:

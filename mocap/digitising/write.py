@@ -75,7 +75,6 @@ def report_of(engine: Engine, error_px: float) -> Report:
 
 
 def _dots(report: Report) -> list[str]:
-    """What dots look like, and which markers have none."""
     found = []
     if report["dots_are"] is not None:
         found.append(

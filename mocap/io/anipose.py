@@ -14,8 +14,7 @@ from mocap.documents import read_toml
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, calibration_recording, point_recording
 from mocap.io.csv_table import read_table
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers
 from mocap.records import Status
 from mocap.schema import LARGEST, Entry, checked

@@ -23,7 +23,6 @@ import numpy as np
 from mocap.errors import FormatError
 from mocap.io.bounds import limit_memory, most_bytes
 
-SECONDS = 20.0
 REFUSED = 3
 """Exit code where the file is refused; the reason is on stdout."""
 SPARE_BYTES = 1 << 29
@@ -54,7 +53,7 @@ def root_names(path: Path) -> frozenset[str]:
 @lru_cache(maxsize=2)
 def _once(path: Path, kind: str, _changed_ns: int, _size: int) -> Any:
     """What a file in one state holds; the sniffers and the reader ask for it in turn."""
-    return pickle.loads(read_apart(path, kind, seconds=SECONDS))
+    return pickle.loads(read_apart(path, kind, seconds=20.0))
 
 
 def read_apart(path: Path, kind: str, *, seconds: float) -> bytes:

@@ -17,7 +17,7 @@ from eal.arrays import Array
 from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle, variables
-from mocap.io.head import Head, head
+from mocap.io.format import Head, head
 from mocap.io.lines import number
 
 VARIABLE = "XYtop_left"
@@ -40,7 +40,11 @@ def read_crops(path: Path) -> dict[str, Array]:
     """
     beginning = head(path)
     if VARIABLE in beginning.mat:
-        return {path.stem: _offsets(path, _of_matlab(path, variables(path)[VARIABLE]))}
+        try:
+            table = np.atleast_2d(np.asarray(variables(path)[VARIABLE], dtype=np.float64))
+        except (TypeError, ValueError):
+            raise FormatError(f"{path.name}: {VARIABLE} contains no numbers; expected {KNOWN}") from None
+        return {path.stem: _offsets(path, table.T if table.shape[0] == 2 and table.shape[1] != 2 else table)}
     if beginning.start[:1] == b"\x80":
         return {path.name.removesuffix(META): _offsets(path, _corner(path, _cropping(path)))}
     found = _config(path, beginning) or _table(path, beginning)
@@ -132,20 +136,11 @@ def _common(one: str, other: str) -> int:
 
 
 def _offsets(path: Path, values: Array) -> Array:
-    """(K, 2) offsets, checked."""
     if values.ndim != 2 or values.shape[1] != 2 or not len(values) or not np.isfinite(values).all():
         raise FormatError(f"{path.name}: crop offsets have shape {values.shape}; expected finite x, y in a row a frame")
     if np.abs(values).max() > 1e5:
         raise FormatError(f"{path.name}: a crop offset of {np.abs(values).max():g} px lies in no picture")
     return values
-
-
-def _of_matlab(path: Path, values: Any) -> Array:
-    try:
-        table = np.atleast_2d(np.asarray(values, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise FormatError(f"{path.name}: {VARIABLE} contains no numbers; expected {KNOWN}") from None
-    return table.T if table.shape[0] == 2 and table.shape[1] != 2 else table
 
 
 def _cropping(path: Path) -> Any:

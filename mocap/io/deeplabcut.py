@@ -158,7 +158,6 @@ def _multi(group: Any, name: str, depth: int) -> list[tuple[str, ...]]:
 
 
 def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], Array, Index]:
-    """The same of a table of rows."""
     table = group["table"]
     blocks = [name for name in table.dtype.names if name.startswith("values_block_")]
     stored = [key for name in blocks for key in _names_only(path, bytes(table.attrs[f"{name}_kind"]))]
@@ -171,7 +170,6 @@ def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[t
 
 
 def _side_by_side(path: Path, blocks: list[Any]) -> Array:
-    """Blocks of columns, each of one kind of number, as one table."""
     other = next((block.dtype for block in blocks if block.dtype.kind not in "fiu"), None)
     if other is not None:
         raise FormatError(f"{path.name}: columns are of the kind {other}; expected numbers only")

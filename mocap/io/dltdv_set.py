@@ -34,16 +34,12 @@ def set_files(path: Path, recording: FileContents) -> dict[str, Path]:
         kinds = {"xyzpts": "xyzpts.csv"}
     if recording.cameras:
         kinds["dltCoefs"] = "dltCoefs.csv"
-    if _profile(recording):
-        kinds["profile"] = "profile.txt"
-    return {kind: path.with_name(prefix + end) for kind, end in kinds.items()}
-
-
-def _profile(recording: FileContents) -> bool:
-    """Whether a camera profile can say the lenses."""
+    # whether a camera profile can say the lenses
     lenses = [camera.lens for camera in recording.cameras]
     known = all(camera.size_px is not None for camera in recording.cameras)
-    return known and bool(lenses) and all(isinstance(lens, BrownLens) for lens in lenses)
+    if known and bool(lenses) and all(isinstance(lens, BrownLens) for lens in lenses):
+        kinds["profile"] = "profile.txt"
+    return {kind: path.with_name(prefix + end) for kind, end in kinds.items()}
 
 
 def write_set(path: Path, recording: FileContents) -> list[str]:

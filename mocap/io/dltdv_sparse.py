@@ -10,8 +10,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head, head
+from mocap.io.format import Format, Head, Hints, head
 from mocap.io.lines import numbers, read_lines
 
 POINT_NAMES = "PointNames_to_go_with_DLTdv8a_sparsesave_arrays"

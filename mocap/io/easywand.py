@@ -77,7 +77,6 @@ def read_easywand(path: Path) -> EasyWand:
 
 
 def _numbers(path: Path, table: dict[str, Any], name: str, count: int, *, finite: bool = True) -> Array:
-    """A vector of the struct."""
     try:
         values = np.ravel(np.asarray(table[name], dtype=np.float64))
     except (KeyError, TypeError, ValueError):

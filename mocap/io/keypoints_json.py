@@ -20,8 +20,7 @@ from mocap.documents import from_json, one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import MOST_FRAMES, image_numbers
 from mocap.schema import Entry, Schema, checked
 
@@ -81,10 +80,6 @@ def _people(path: Path, frame: Any) -> list[Array]:
     return [person for person in found if len(person) and np.isfinite(person).any()]
 
 
-MOST_BYTES = 1 << 30
-"""Of the poses of all frames in one file: a day of one person's 133 points at 30 Hz in short numbers."""
-
-
 _FRAME: Schema = {"frame_id": Entry(kind="i", least=0, most=MOST_FRAMES)}
 
 
@@ -92,7 +87,8 @@ def _frames(files: Sequence[Path]) -> dict[int, list[Array]]:
     """People by frame number: the last digits of a file's name before its ending, or the list inside one file."""
     out: dict[int, list[Array]] = {}
     for position, file in enumerate(files):
-        table = from_json(regular_bytes(file, most=MOST_BYTES), file.name, finite=False)
+        # a day of one person's 133 points at 30 Hz in short numbers
+        table = from_json(regular_bytes(file, most=2**30), file.name, finite=False)
         if isinstance(table, list) and table and all(isinstance(one, dict) and "image_id" in one for one in table):
             people: dict[str, list[Any]] = {}
             for one in table:
@@ -141,7 +137,6 @@ def _followed(frames: dict[int, list[Array]]) -> tuple[dict[int, Array], int]:
 
 
 def _content(path: Path) -> str:
-    """What a folder without poses holds, in words."""
     inside = sorted(p.name for p in path.iterdir())
     if not inside:
         return " with nothing in it"
@@ -265,7 +260,6 @@ def _read_coco(path: Path, _hints: Hints) -> FileContents:
 
 
 def _image_frames(images: dict[Any, PurePosixPath]) -> dict[Any, int]:
-    """The number of each image's frame."""
     by_folder: dict[PurePosixPath, list[Any]] = defaultdict(list)
     for image, name in images.items():
         by_folder[name.parent].append(image)

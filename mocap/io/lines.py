@@ -52,9 +52,7 @@ def read_lines(path: Path) -> list[str]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise FormatError(
-            f"{path.name}: not a text file; expected the text export of a motion-capture system"
-        ) from None
+        text = "\0"
     if "\0" in text:
         raise FormatError(f"{path.name}: not a text file; expected the text export of a motion-capture system")
     return one_kind(text).removesuffix("\n").split("\n")

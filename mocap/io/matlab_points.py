@@ -9,8 +9,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import FileContents, point_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate, told_apart
 
@@ -92,7 +91,6 @@ _FIELDS = {"type", "nMarkers", "freq", "markerName", "data"}
 
 
 def _structures(path: Path) -> dict[str, Any]:
-    """The variables that are such structures, by name."""
     found = variables(path).items()
     return {name: own for name, own in found if isinstance(own, dict) and own.keys() >= _FIELDS}
 

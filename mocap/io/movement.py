@@ -32,27 +32,23 @@ def of_dataset(data: Any, path: Path) -> FileContents:
         FormatError: it is laid out otherwise.
     """
     try:
-        return _recording(path, _laid_out(path, data))
+        # with the names of dimensions of this version, of which none is missing
+        numbers = ("position", "confidence", "origin", "status", "sd", "covariance", "time", "frame")
+        if odd := [name for name in numbers if name in data.variables and data[name].dtype.kind not in "fiub"]:
+            raise FormatError(f"{path.name}: {odd[0]} is {data[odd[0]].dtype}, expected real numbers: save it again")
+        data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
+        if "shape" in data or data.attrs.get("ds_type") == "bboxes":
+            raise FormatError(f"{path.name}: contains bounding boxes; expected poses (ds_type = poses)")
+        if "position" not in data or not {"time", "space", "keypoint"} <= set(data["position"].dims):
+            dims = tuple(data["position"].dims) if "position" in data else "absent"
+            raise FormatError(f"{path.name}: position is {dims}; expected dimensions time, space, keypoint, individual")
+        for name in ("individual", "view"):
+            if name not in data["position"].dims:
+                data = data if name in data.coords else data.assign_coords({name: _ONE[name]})
+                data = data.expand_dims(name)
+        return _recording(path, data)
     except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
         raise FormatError(f"{path.name}: {one_line(error)}; expected what movement saves") from None
-
-
-def _laid_out(path: Path, data: Any) -> Any:
-    """With the names of dimensions of this version, of which none is missing."""
-    numbers = ("position", "confidence", "origin", "status", "sd", "covariance", "time", "frame")
-    if odd := [name for name in numbers if name in data.variables and data[name].dtype.kind not in "fiub"]:
-        raise FormatError(f"{path.name}: {odd[0]} is {data[odd[0]].dtype}, expected real numbers: save it again")
-    data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
-    if "shape" in data or data.attrs.get("ds_type") == "bboxes":
-        raise FormatError(f"{path.name}: contains bounding boxes; expected poses (ds_type = poses)")
-    if "position" not in data or not {"time", "space", "keypoint"} <= set(data["position"].dims):
-        dims = tuple(data["position"].dims) if "position" in data else "absent"
-        raise FormatError(f"{path.name}: position is {dims}; expected dimensions time, space, keypoint, individual")
-    for name in ("individual", "view"):
-        if name not in data["position"].dims:
-            data = data if name in data.coords else data.assign_coords({name: _ONE[name]})
-            data = data.expand_dims(name)
-    return data
 
 
 def _recording(path: Path, data: Any) -> FileContents:
@@ -109,7 +105,6 @@ def _recording(path: Path, data: Any) -> FileContents:
 
 
 def _codes(path: Path, values: Array) -> NDArray[np.int64]:
-    """(T, M) codes of ``Status``."""
     whole = values.astype(np.int64) if (np.abs(values) < MOST_FRAMES).all() else values
     kept: Any = whole if np.array_equal(whole, values) else values
     known = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))

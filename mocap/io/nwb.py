@@ -109,7 +109,6 @@ def _poses(path: Path, file: Any) -> FileContents:
 
 
 def _times(series: Any) -> Array:
-    """(T,) seconds."""
     if "timestamps" in series:
         return np.asarray(series["timestamps"][()], dtype=np.float64)
     start = series["starting_time"]
@@ -128,7 +127,6 @@ def _stacked(series: dict[str, Any], keys: list[str], frames: int, axes: int) ->
 
 
 def _camera(group: Any) -> tuple[str, Camera | None]:
-    """Name and calibration of a view."""
     device = group.get("device")
     if device is None:
         return group.name.rsplit("/", 1)[-1], None

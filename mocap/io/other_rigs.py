@@ -21,16 +21,12 @@ from mocap.documents import decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 
-SUBPIXELS = 64
-"""QTM counts sensors of its cameras in 64ths of a pixel."""
 _MOST_BYTES = 20_000_000
 
 
 def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str) -> list[float]:
-    """Attributes of an element as numbers."""
     out = []
     for name in names.split():
         try:
@@ -94,7 +90,7 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
             intrinsic.attrib,
             "focalLengthU focalLengthV centerPointU centerPointV sensorMinU sensorMaxU sensorMinV sensorMaxV",
         )
-        unit = SUBPIXELS if umax - umin > 20_000 else 1
+        unit = 64 if umax - umin > 20_000 else 1  # QTM counts sensors in 64ths of a pixel
         size = np.array([umax - umin + (unit > 1), vmax - vmin + (unit > 1)]) / unit
         start = np.zeros(2)
         if (film := section.find("fov_video")) is not None:
@@ -181,7 +177,6 @@ def _nearest_brown(matrix: Array, size: Array, radial: Array) -> Array:
 
 
 def _matrices(path: Path) -> dict[str, Array]:
-    """The matrices of an OpenCV YAML file, by name."""
     text = path.read_text(encoding="utf-8", errors="replace")
     found = {}
     pattern = r"(?ms)^\s*(\w+): *!!opencv-matrix\s+rows: *(\d+)\s+cols: *(\d+)\s+dt: *\w+\s+data: *\[([^\]]*)\]"

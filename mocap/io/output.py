@@ -272,7 +272,6 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
 
 
 def _is_staged(stage: Path, file: str, content: str) -> bool:
-    """Whether a file is still in the hidden folder of a pending result."""
     if not os.path.lexists(stage):
         return False
     if stage.is_symlink() or not stage.is_dir():
@@ -300,7 +299,6 @@ def _is_there(within: int | None, name: str) -> bool:
 
 
 def _refuse_inputs(target: Path, inputs: Iterable[Path | None], *, folder: bool) -> None:
-    """Refuse to write where something is read from, whatever is asked."""
     resolved = target.resolve()
     for read in [*(p.resolve() for p in inputs if p is not None), *([Path.cwd()] if folder else [])]:
         if resolved == read or (folder and resolved in read.parents):
@@ -376,7 +374,6 @@ def _make_folder(folder: Path) -> list[Path]:
 
 
 def _remove_empty(folders: Iterable[Path]) -> None:
-    """Remove folders that are empty; others stay."""
     for path in folders:
         with contextlib.suppress(OSError):
             path.rmdir()

@@ -8,12 +8,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.columns import Key, laid_out
 from mocap.io.contents import FileContents, pixel_recording, point_recording
-from mocap.io.csv_table import has_titles, read_table
-from mocap.io.dltdv_files import ARGUS_PIXEL, PIXEL, names_of
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.csv_table import Key, has_titles, laid_out, read_table
+from mocap.io.dltdv import ARGUS_PIXEL, PIXEL, names_of
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import FRAMES, frame_numbers
 from mocap.io.optical import rate_of_times, time_unit_s
 
@@ -128,7 +126,6 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _by_kind(header: list[str], kind: re.Pattern[str]) -> dict[str, tuple[str, ...]]:
-    """The same where coordinates have titles of one kind."""
     found: dict[str, dict[str, str]] = {}
     special: dict[str, tuple[str, ...]] = {}
     for title in header:

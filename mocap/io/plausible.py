@@ -14,12 +14,6 @@ from mocap.text import visible
 
 EXPLICIT = ("csv-wide", "csv-long", "parquet", "movement")
 """Formats of ours, in which a missing sample is empty and every other has its origin: there zero is a place."""
-AROUND = 3
-"""Steps before and after a sample that tell how its marker moves there."""
-FASTER = 2.0
-"""A marker's step may be longer than those around it by that factor."""
-OUTSIDE = 0.1
-"""Other numbers than zero lie beyond the range of all others by more than that share of it."""
 NAMED = 8
 """Markers that a finding names."""
 
@@ -73,7 +67,7 @@ def placeholders(values: Array, measured: NDArray[np.bool_] | None = None) -> ND
     numbers, counts = np.unique(values[alike][:, 0], return_counts=True)
     others = values[seen & ~alike]
     low, high = (others.min(), others.max()) if len(others) else (-np.inf, np.inf)
-    beyond = np.maximum(low - numbers, numbers - high) > OUTSIDE * (high - low)
+    beyond = np.maximum(low - numbers, numbers - high) > 0.1 * (high - low)
     chosen = numbers[(numbers == 0) | ((counts > 1) & beyond)]
     coarse = rounding(values) * np.sqrt(values.shape[-1]) if len(chosen) else 0.0
     for number in chosen:
@@ -106,11 +100,11 @@ def _elsewhere(places: Array, away: NDArray[np.bool_], here: NDArray[np.bool_], 
     after = np.searchsorted(frames, zeros)
     for k in np.unique(after):
         run = zeros[after == k]
-        around = [i for i in range(k - 1 - AROUND, k + AROUND) if 0 <= i < len(step) and i != k - 1]
+        around = [i for i in range(k - 1 - 3, k + 3) if 0 <= i < len(step) and i != k - 1]
         usual = step[around].max() if around else step[k - 1] if 0 < k <= len(step) else 0.0
         sides = [(k - 1, run[0] - frames[k - 1])] if k > 0 else []
         sides += [(k, frames[k] - run[-1])] if k < len(frames) else []
-        out[run] = any(far[i] > FASTER * usual * off + coarse for i, off in sides)
+        out[run] = any(far[i] > 2.0 * usual * off + coarse for i, off in sides)
     return out
 
 
@@ -149,10 +143,7 @@ _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
 _FARTHEST = 1e11
 """The same where the unit may be as small as a millimetre."""
-_FARTHEST_PX = 1e7
 _RATES_HZ = (1e-4, 1e7)
-_MOST_SCORE = 2.0
-"""Scores are between 0 and 1; some networks exceed 1 a little."""
 
 
 def plausible(recording: FileContents) -> FileContents:
@@ -174,7 +165,7 @@ def plausible(recording: FileContents) -> FileContents:
         _check_covariances(recording, recording.points.cov_m2)
     if recording.pixels is not None:
         for camera, uv in zip(recording.pixels.cameras, recording.pixels.uv_px, strict=True):
-            _check_size(recording, f" of {camera}", uv, _FARTHEST_PX, "px")
+            _check_size(recording, f" of {camera}", uv, 1e7, "px")
     for title, table in recording.tables.items():
         with np.errstate(invalid="ignore"):
             if (np.abs(table) > _FARTHEST).any():
@@ -188,7 +179,7 @@ def plausible(recording: FileContents) -> FileContents:
         if not np.isfinite(camera.matrix).all():
             raise FormatError(f"{name}: camera {camera.name!r} has numbers that are not finite: calibrate again")
     score = recording.score
-    if score is not None and ((score < 0) | (score > _MOST_SCORE)).any():
+    if score is not None and ((score < 0) | (score > 2.0)).any():  # some networks exceed 1 a little
         findings.append(f"scores are {np.nanmin(score):g} to {np.nanmax(score):g}; expected 0 to 1")
     recording, told = _legible(recording)
     return replace(recording, findings=(*recording.findings, *findings, *told, *_frame_findings(recording)))
@@ -218,7 +209,6 @@ def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
 
 
 def _check_size(recording: FileContents, which: str, values: Array, most: float, unit: str) -> None:
-    """(T, M, ...) values are not larger than that."""
     if not values.size or not max(-np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)) > most:
         return
     row, marker, axis = np.argwhere(np.abs(values) > most)[0]

@@ -18,10 +18,9 @@ from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError, FormatError
 from mocap.io import lines
 from mocap.io.contents import FileContents, calibration_recording
-from mocap.io.dltdv_files import is_number_row
+from mocap.io.dltdv import is_number_row
 from mocap.io.easywand import read_tform
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head, head
+from mocap.io.format import Format, Head, Hints, head
 
 _COLUMNS = ("cam", "f", "w", "h", "cx", "cy", "ar", "k1", "k2", "p1", "p2", "k3")
 _ALSO = {
@@ -80,7 +79,6 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _cells(text: str) -> list[str]:
-    """The cells of a line, between spaces, tabs or commas."""
     return _spaced(text) or re.split(r"\s*,\s*", text.strip())
 
 

@@ -10,8 +10,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
-from mocap.io.format import Format
-from mocap.io.head import Head
+from mocap.io.format import Format, Head
 from mocap.io.lines import frame_numbers, numbers, read_lines
 from mocap.io.optical import rate
 from mocap.io.rigid import fixed_markers
@@ -151,7 +150,14 @@ def read_mat(path: Path) -> FileContents:
     Raises:
         FormatError: the file is not such an export, or its parts contradict each other.
     """
-    measurement = _measurement(path)
+    # the one struct of the file that holds trajectories
+    table = variables(path)
+    found = [value for value in table.values() if isinstance(value, dict) and "Trajectories" in value]
+    if len(found) != 1:
+        raise FormatError(
+            f"{path.name}: {len(found)} variables contain Trajectories; expected one, as Qualisys Track Manager exports"
+        )
+    measurement = found[0]
     try:
         labelled = measurement["Trajectories"]["Labeled"]
         frames, start = int(measurement["Frames"]), int(measurement.get("StartFrame", 1))
@@ -208,19 +214,7 @@ def _count(group: Any) -> int:
     return int(np.max(group.get("Count", 0), initial=0)) if isinstance(group, dict) else 0
 
 
-def _measurement(path: Path) -> dict[str, Any]:
-    """The one struct of the file that holds trajectories."""
-    table = variables(path)
-    found = [value for value in table.values() if isinstance(value, dict) and "Trajectories" in value]
-    if len(found) != 1:
-        raise FormatError(
-            f"{path.name}: {len(found)} variables contain Trajectories; expected one, as Qualisys Track Manager exports"
-        )
-    return found[0]
-
-
 def _kinds(path: Path, labelled: dict[str, Any], data: Array) -> np.ndarray:
-    """(T, M) QTM's type of each sample."""
     if "Type" not in labelled:
         kind = np.where(np.isnan(data[:, 3]), 0, np.where(data[:, 3] == 0, 2, 1))
     else:

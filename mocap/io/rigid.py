@@ -11,9 +11,6 @@ from mocap.errors import FormatError
 from mocap.io.contents import Bodies, FileContents
 from mocap.io.optical import UNIT_M
 
-KEEPS = 0.05
-"""A marker of a body keeps its place by that share of the body's extent, as a rigid bone its length."""
-
 
 def fixed_markers(names: Sequence[str], xyz: Array, bodies: Sequence[str], transforms: Array) -> Bodies:
     """Markers that keep their place in a body that moves as its transforms say: each in the body where it moves least.
@@ -36,7 +33,7 @@ def fixed_markers(names: Sequence[str], xyz: Array, bodies: Sequence[str], trans
         mine = np.flatnonzero((own == b) & np.isfinite(spread[b]))
         if len(mine):
             extent = np.median(np.linalg.norm(place[b, mine] - np.median(place[b, mine], axis=0), axis=1))
-            mine = mine[spread[b, mine] <= KEEPS * extent]
+            mine = mine[spread[b, mine] <= 0.05 * extent]  # as a rigid bone keeps its length
         if len(mine) >= 3:
             found[body] = {names[m]: place[b, m] for m in mine.tolist()}
     return found

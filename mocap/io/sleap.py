@@ -16,7 +16,6 @@ from mocap.io.format import Format, Hints
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """Datasets of the root, as far as they are there."""
     import h5py
 
     try:
@@ -199,7 +198,6 @@ def _write_analysis(path: Path, recording: FileContents) -> None:
 
 
 def _write_points(path: Path, recording: FileContents) -> list[str]:
-    """sleap-anipose's points."""
     xyz = points_of(path, recording).xyz_m / recording.length_m(path)
     _, parts, _ = recording.grid()
     path.write_bytes(_as_hdf5({"tracks": _spread(recording, xyz)}))

@@ -30,10 +30,6 @@ _KEY = re.compile(r"[A-Z]+(_[A-Z]+)+")
 _UNIT_NOTE = re.compile(r"(?:length )?units?[\s:=,;]+[\"'\[(]*([a-z]+)", re.IGNORECASE)
 _SEPARATORS = (";", "\t", "|", ",", " ")
 """Semicolons first: cells between them may hold decimal commas. A blank stands for any number of them."""
-_TAIL = 50
-"""Rows at the end that tell the separator."""
-_MOST_ABOVE = 100
-"""Lines before the first row."""
 _DAY_S = 86_400
 _SHOWN = 3
 """Lines that a sentence quotes."""
@@ -47,11 +43,11 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
     lines = text.replace("\xa0", " ").rstrip("\n\x1a\f ").split("\n")
     comments = {i: found["text"].strip() for i, line in enumerate(lines) if (found := _COMMENT.fullmatch(line))}
     kept = [i for i, line in enumerate(lines) if i not in comments and line.strip(" \f")]
-    separator = _separator([lines[i] for i in kept[-_TAIL:]])
+    separator = _separator([lines[i] for i in kept[-50:]])  # rows at the end tell the separator
     if separator is None:
         return None
     cells = [_cells(lines[i], separator) for i in kept]
-    start = 1 + max((k for k, row in enumerate(cells[:_MOST_ABOVE]) if not _is_row(row)), default=-1)
+    start = 1 + max((k for k, row in enumerate(cells[:100]) if not _is_row(row)), default=-1)
     rows, above = cells[start:], {i: row for i, row in zip(kept[:start], cells, strict=False) if any(row)}
     width = len(rows[0]) if rows else 0
     if len(rows) < 2 or any(len(row) != width for row in rows) or any(map(_all_values, above.values())):
@@ -192,7 +188,21 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
     """
     known = [cell for cell in column if cell not in MISSING_WORDS]
     if known and all(map(_CLOCK.fullmatch, known)):
-        return _seconds(column), f"clock times of the column {title!r} were read as seconds, {known[0]} as the first"
+        # clock times as seconds from the midnight before the first; a clock without a date goes on after midnight
+        found, day, last = [], 0, Decimal(0)
+        dates = [date.fromisoformat(match[1]) for cell in column if (match := _CLOCK.fullmatch(cell)) and match[1]]
+        for cell in column:
+            if (match := _CLOCK.fullmatch(cell)) is None:
+                found.append("")
+                continue
+            time = 3600 * int(match[2] or 0) + 60 * int(match[3]) + Decimal(match[4].replace(",", "."))
+            if match[1]:
+                day = (date.fromisoformat(match[1]) - dates[0]).days
+            elif last - time > _DAY_S // 2:
+                day += 1
+            last = time
+            found.append(str(_DAY_S * day + time))
+        return found, f"clock times of the column {title!r} were read as seconds, {known[0]} as the first"
     numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in known)
     if known and not numbers and not re.search(r"\d:\d", known[0]):  # no clock of another kind
         return [""] * len(column), f"the column {title!r} holds words ({known[0][:20]!r}, ...) and was left out"
@@ -205,26 +215,7 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
     return [cell.replace(",", ".") for cell in column], said
 
 
-def _seconds(column: Sequence[str]) -> Cells:
-    """Clock times as seconds from the midnight before the first; a clock without a date goes on after midnight."""
-    found, day, last = [], 0, Decimal(0)
-    dates = [date.fromisoformat(match[1]) for cell in column if (match := _CLOCK.fullmatch(cell)) and match[1]]
-    for cell in column:
-        if (match := _CLOCK.fullmatch(cell)) is None:
-            found.append("")
-            continue
-        time = 3600 * int(match[2] or 0) + 60 * int(match[3]) + Decimal(match[4].replace(",", "."))
-        if match[1]:
-            day = (date.fromisoformat(match[1]) - dates[0]).days
-        elif last - time > _DAY_S // 2:
-            day += 1
-        last = time
-        found.append(str(_DAY_S * day + time))
-    return found
-
-
 def _left_out(lines: Sequence[str], notes: Sequence[int]) -> list[str]:
-    """A sentence on the lines that are neither titles nor numbers."""
     if not notes:
         return []
     shown = "; ".join(f"{i + 1}: {lines[i].strip(' ,;|')[:60]!r}" for i in notes[:_SHOWN])

@@ -57,7 +57,6 @@ def _one_set_of_lenses(recordings: Sequence[FileContents]) -> list[FileContents]
 
 
 def _as_one(recordings: Sequence[FileContents], single: Sequence[FileContents], **parts: object) -> list[FileContents]:
-    """The recordings with some of them as one, which has other parts."""
     paths = tuple(path for r in single for path in r.paths)
     findings = tuple(dict.fromkeys(f for r in single for f in r.findings))
     whole = replace(single[0], paths=paths, findings=findings, **parts)  # type: ignore[arg-type]
@@ -88,7 +87,6 @@ def _one_rig(recordings: Sequence[FileContents]) -> list[FileContents]:
 
 
 def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -> FileContents:
-    """The pixel files as one."""
     if len(pixels) == 1:
         return pixels[0]
     several = next((r for r in pixels if len(r.camera_names) != 1), None)
@@ -242,7 +240,6 @@ def _with(base: FileContents, other: FileContents) -> FileContents:
 
 
 def _versions(base: FileContents, other: FileContents) -> str:
-    """How two files with the same points differ."""
     frames, i, j = np.intersect1d(base.frames, other.frames, return_indices=True)
     pick = [other.names.index(name) for name in base.names]
     a, b = points_of(base.paths[0], base).xyz_m[i], points_of(other.paths[0], other).xyz_m[j][:, pick]

@@ -16,12 +16,11 @@ from tempfile import TemporaryDirectory
 
 from mocap.documents import check_regular, decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
-from mocap.io.head import LENGTH, Head
+from mocap.io.format import LENGTH, Head
 from mocap.io.lines import FRAMES, MISSING_WORDS, one_kind
 from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text
 
-_BLOCK = 1 << 24
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
 _WITH_COMMA = rf"([+-]?\d*),(\d+{_EXPONENT})"
 _WITH_POINT = rf"[+-]?(?=[\d.,]*\d)[\d,]*\.[\d.,]*{_EXPONENT}"
@@ -35,8 +34,6 @@ _SEP = re.compile(r'"?sep=."?[;,\t ]*\n', re.IGNORECASE)
 """What a spreadsheet takes for its separator, before the titles."""
 _ROW = re.compile(r'("[^"]*"|[^",]*)(,("[^"]*"|[^",]*))+')
 _OF_NUMBERS = b"0123456789+-,eENaA \n"
-_TOP = 8
-_TAIL = 1 << 18
 
 Knows = Callable[[Head], bool]
 
@@ -136,7 +133,7 @@ def _whole_end(path: Path, text: str) -> str:
         FormatError: it has fewer cells than those above, or its last number fewer decimals, of which all above have as
             many: it was cut.
     """
-    *above, last = text[-_TAIL:].split("\n")
+    *above, last = text[-(2**18) :].split("\n")
     mark = max(",\t; ", key=last.count)
     rows = takewhile(lambda row: row.count(mark) == last.count(mark), reversed(above[-50:]))
     column = [cell for row in rows if _NUMBER.fullmatch(cell := row.rpartition(mark)[2].strip())]
@@ -156,7 +153,7 @@ def _whole_end(path: Path, text: str) -> str:
 
 def _blocks(stream: io.BufferedReader) -> Iterator[bytes]:
     stream.seek(0)
-    while block := stream.read(_BLOCK):
+    while block := stream.read(2**24):
         yield block
 
 
@@ -233,14 +230,13 @@ def _tabs(path: Path, text: str, known: Knows) -> tuple[str, tuple[str, ...]]:
 
 
 def _decimal_comma(text: str, separator: str) -> re.Match[str] | None:
-    """The first number with a decimal comma."""
     return _cell(_WITH_COMMA, separator).search(text) if "," in text else None
 
 
 def _with_points(text: str, separator: str) -> str:
     """A text with decimal points in place of commas, where a cell is a number."""
     comma, top = _cell(_WITH_COMMA, separator), 0
-    for _ in range(_TOP):  # lines of titles; below are numbers only, which is quicker to see of all than of each
+    for _ in range(8):  # lines of titles; below are numbers only, which is quicker to see of all than of each
         body = text[top:].encode()
         if not body.translate(None, _OF_NUMBERS + separator.encode()):
             return comma.sub(r"\1\2\3.\4", text[:top]) + text[top:].replace(",", ".")
@@ -266,7 +262,6 @@ def _with_commas(path: Path, text: str, separator: str) -> str:
 
 
 def _empty(line: str) -> bool:
-    """Whether a line holds nothing but commas."""
     return "," in line and not line.strip(", \t")
 
 
@@ -293,5 +288,4 @@ def _trimmed(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _surplus(line: str) -> int:
-    """How many empty cells a line ends with."""
     return line[len(line.rstrip(", \t")) :].count(",")

@@ -9,14 +9,11 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of, table_recording
 from mocap.io.csv_table import as_cell, from_cell
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers, number, numbers, read_lines
 from mocap.io.optical import metres, rate_of_times, told_apart, unit_of
 
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
-_SAME_RATE = 0.01
-"""Times and DataRate may differ by so large a share before that is a finding."""
 
 
 def _read(path: Path, _hints: Hints) -> FileContents:
@@ -105,7 +102,7 @@ def _rate(path: Path, times: Array, told: str) -> tuple[float | None, list[str]]
     said = number(told)
     if fps is None:
         return (said if said > 0 else None), []
-    if abs(said - fps) < _SAME_RATE * fps:  # times are rounded: what the head says is nearer to the truth
+    if abs(said - fps) < 0.01 * fps:  # times are rounded: what the head says is nearer to the truth
         return (said if abs(said - fps) * (times[-1] - times[0]) < 0.5 else fps), findings
     return fps, [
         *findings,
@@ -140,13 +137,9 @@ def _write(path: Path, recording: FileContents) -> None:
             stream.write(f"{frame}\t{t_s:.9f}\t" + "\t".join(cells) + "\n")
 
 
-_HEAD_LINES = 200
-"""Lines in which the head must end."""
-
-
 def _ends(lines: tuple[str, ...] | list[str]) -> int | None:
     """The line that ends the head."""
-    return next((i for i, line in enumerate(lines[:_HEAD_LINES]) if line.strip().lower() == "endheader"), None)
+    return next((i for i, line in enumerate(lines[:200]) if line.strip().lower() == "endheader"), None)
 
 
 def _is_storage(head: Head) -> bool:

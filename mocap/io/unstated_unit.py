@@ -19,8 +19,6 @@ LONG_M = 3.0
 """Few animals are longer."""
 WIDEST_NOISE_M = 0.05
 """No system of cameras that follows one animal is so vague."""
-DISTANT_M = 100.0
-"""From further away nobody films an animal whose markers can be told apart."""
 UNIT, UNSTATED = "assumed unit", "no unit is stated: "
 """How sentences on an assumed unit begin, in capitals where it may well be wrong."""
 _UNITS = ("m", "mm", "cm")
@@ -138,7 +136,8 @@ def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tu
     bounds = ANIMALS_M if several else PATHS_M
     unit = guessed(long, bounds_m=bounds) or "m"
     near, farthest = (length_text(distance * UNIT_M[unit]) for distance in (far.min(), far.max()))
-    more = f" and filmed from {near} to {farthest} away" if np.median(far) * UNIT_M[unit] > DISTANT_M else ""
+    # from further away nobody tells markers apart
+    more = f" and filmed from {near} to {farthest} away" if np.median(far) * UNIT_M[unit] > 100.0 else ""
     what = "the animal" if several else "the path of the marker"
     unit, said = told(long, np.nan, bounds_m=bounds, where=where, what=what, more=more)
     return unit, (said,)

@@ -11,8 +11,7 @@ from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
 

@@ -101,7 +101,6 @@ def _holds(pack: zipfile.ZipFile, name: str, what: bytes) -> bool:
 
 
 def _chosen(path: Path, sheets: dict[str, Any], stated: str | None) -> str:
-    """Name of the sheet to read."""
     names, listed = list(sheets), ", ".join(f"{i} {name!r}" for i, name in enumerate(sheets, start=1))
     if stated is None:
         names = [name for name in names if any(_rows(path, sheets[name]))]

@@ -10,13 +10,10 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.columns import by_title
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
-from mocap.io.csv_table import read_table
-from mocap.io.dltdv import read_pixels
-from mocap.io.dltdv_files import PIXEL, names_of
-from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.csv_table import by_title, read_table
+from mocap.io.dltdv import PIXEL, names_of, read_pixels
+from mocap.io.format import Format, Head, Hints
 from mocap.io.lines import frame_numbers, numbers, read_lines
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XY])")
@@ -43,18 +40,16 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
         pixels = read_pixels(path, fps=1.0)
         names, cameras, uv = pixels.names, pixels.cameras, pixels.uv_px
     else:
-        names, numbered, uv = _with_offsets(path, lines, glued)
+        # names, cameras and (C, T, M, 2) pixels where offset columns come first, whose titles lack their commas
+        count = glued[0].count("_offset")
+        titles = [title.strip() for title in lines[0][glued.end() :].lstrip(",").split(",")]
+        rows = [line for line in lines[1:] if line.strip()]
+        values = numbers(path, rows, separator=",", columns=count + len(titles), first_line=2)[:, count:]
+        names, numbered, uv = by_title(
+            path, (titles, values), _PIXEL, ["_X", "_Y"], expected=f"name_cam1_X after {count} offsets"
+        )
         cameras = [f"cam{number}" for number in numbered]
     return pixel_recording(path, "xmalab-2d", names=names, cameras=cameras, uv_px=uv, findings=(_NO_PIXELS,))
-
-
-def _with_offsets(path: Path, lines: list[str], glued: re.Match[str]) -> tuple[tuple[str, ...], list[int], Array]:
-    """Names, cameras and (C, T, M, 2) pixels where offset columns come first, whose titles lack their commas."""
-    count = glued[0].count("_offset")
-    titles = [title.strip() for title in lines[0][glued.end() :].lstrip(",").split(",")]
-    rows = [line for line in lines[1:] if line.strip()]
-    values = numbers(path, rows, separator=",", columns=count + len(titles), first_line=2)[:, count:]
-    return by_title(path, (titles, values), _PIXEL, ["_X", "_Y"], expected=f"name_cam1_X after {count} offsets")
 
 
 def _cut_off(names: list[str]) -> tuple[list[str], str | None]:

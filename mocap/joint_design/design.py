@@ -36,7 +36,6 @@ from mocap.joint_design.source import JointSource
 FINE = 10_000
 """Points of the grid on which a design is judged."""
 
-RELEASED = 20
 ENERGY = 0.25
 """Kinetic energy of the fastest released mass, V = 1 being the unit."""
 
@@ -235,7 +234,7 @@ def _kit(
 
 def _released(design: Design, target: Target, source: JointSource, level: float) -> tuple[Release, Release]:
     samples = source.potential.samples
-    starts = np.linspace(0, len(samples) - 1, min(RELEASED, len(samples))).astype(np.int64)
+    starts = np.linspace(0, len(samples) - 1, min(20, len(samples))).astype(np.int64)
     velocities = recorded_velocities(samples, starts, energy=ENERGY)
     duration = 8.0 * float(np.ptp(samples, axis=0).max()) / np.sqrt(2.0 * ENERGY)
     held = truss_penalty(design.truss, design.stored, over_grid(design.truss, target))

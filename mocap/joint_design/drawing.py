@@ -70,7 +70,11 @@ def motion(design: JointDesign) -> Canvas:
     strip, below = cast(NDArray, canvas.subfigures(2, 1, height_ratios=[1.35, 1.0]))
     states = design.way.states
     unit = design.source.unit_m / MM
-    chosen = _moments(states.q_m)
+    # (6,) frames, one nearest to each of six evenly spaced places along the principal direction of the way
+    centred = states.q_m - states.q_m.mean(axis=0)
+    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    wanted = np.linspace(along.min(), along.max(), _FRAMES)
+    chosen = np.array([int(np.argmin(np.abs(along - place))) for place in wanted])
     nodes = np.concatenate([design.design.truss.fixed_m, design.target.q[design.target.inside]]) * unit
     for axes, k in zip(strip.subplots(1, _FRAMES, sharex=True, sharey=True), chosen, strict=True):
         _truss_at(axes, design, int(k), unit)
@@ -92,14 +96,6 @@ def motion(design: JointDesign) -> Canvas:
     axes.set_ylabel("normalised energy")
     axes.legend(frameon=False, loc="upper right")
     return canvas
-
-
-def _moments(q: Array) -> Array:
-    """(6,) frames, one nearest to each of six evenly spaced places along the principal direction of the way."""
-    centred = q - q.mean(axis=0)
-    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
-    wanted = np.linspace(along.min(), along.max(), _FRAMES)
-    return np.array([int(np.argmin(np.abs(along - place))) for place in wanted])
 
 
 def _truss_at(axes: Axes, design: JointDesign, k: int, unit: float) -> None:
@@ -139,7 +135,18 @@ def drawing(design: JointDesign) -> Canvas:
     _table(places["table"], design)
     _side(places["side"], design.kit)
     places["notes"].set_axis_off()
-    places["notes"].text(0.5, 0.5, "\n".join(_notes(design)), fontsize=9, va="center", ha="center", color=INK)
+    lines = [
+        f"U(V = 1) = {design.energy_j / MM:.3g} mJ; U - V_z inside the region: {design.fit.rms:.3f} RMS",
+        "lengths in mm as printed; rest: between pin centres (of cables and struts where their force begins)",
+    ]
+    if design.kit is not None:
+        printing = design.kit.printing
+        lines.append(
+            f"{printing.material.name}: E = {printing.material.young_pa / 1e6:g} MPa, strain up to "
+            f"{100 * printing.material.strain:g} %; walls {printing.wall_m / MM:g} mm or more; pins "
+            f"{printing.pin_m / MM:g} mm, holes {printing.hole_m / MM:g} mm"
+        )
+    places["notes"].text(0.5, 0.5, "\n".join(lines), fontsize=9, va="center", ha="center", color=INK)
     canvas.suptitle(
         f"{design.source.name}: truss with U = V_z, {len(design.truss.rest_m)} members, printed "
         f"{design.metre_per_unit / design.source.unit_m:.3g} times the animal's size",
@@ -159,7 +166,15 @@ def _plan(axes: Axes, design: JointDesign) -> None:
     if kit is not None:
         plate = np.array(kit.parts[0].solid.slice(PLATE_MM / 2).to_polygons()[0])
         axes.add_patch(Polygon(plate, closed=True, fill=False, edgecolor=FAINT, linewidth=1.0))
-        _sizes(axes, plate)
+        # width and height of the base plate, with arrows
+        (x0, y0), (x1, y1) = plate.min(axis=0), plate.max(axis=0)
+        gap = 0.05 * max(x1 - x0, y1 - y0)
+        arrow = {"arrowstyle": "<->", "color": FAINT, "linewidth": 0.9}
+        axes.annotate("", (x0, y0 - gap), (x1, y0 - gap), arrowprops=arrow)
+        axes.annotate("", (x1 + gap, y0), (x1 + gap, y1), arrowprops=arrow)
+        axes.text((x0 + x1) / 2, y0 - 1.5 * gap, f"{x1 - x0:.1f} mm", ha="center", va="top", fontsize=8, color=INK)
+        axes.text(x1 + 1.4 * gap, (y0 + y1) / 2, f"{y1 - y0:.1f} mm", va="center", rotation=90, fontsize=8, color=INK)
+        axes.update_datalim([(x0, y0 - 3.0 * gap), (x1 + 3.0 * gap, y1)])
     nodes = np.concatenate([truss.fixed_m, q[None], equilibria(truss, q[None]).x_m[0]])
     for i, (start, end) in enumerate(truss.ends):
         colour = COLOURS.get(truss.laws[i], SPRING)
@@ -228,18 +243,6 @@ def _label(axes: Axes, node: Array, q: Array, text: str) -> None:
     )  # fmt: skip
 
 
-def _sizes(axes: Axes, plate: Array) -> None:
-    """Width and height of the base plate, with arrows."""
-    (x0, y0), (x1, y1) = plate.min(axis=0), plate.max(axis=0)
-    gap = 0.05 * max(x1 - x0, y1 - y0)
-    arrow = {"arrowstyle": "<->", "color": FAINT, "linewidth": 0.9}
-    axes.annotate("", (x0, y0 - gap), (x1, y0 - gap), arrowprops=arrow)
-    axes.annotate("", (x1 + gap, y0), (x1 + gap, y1), arrowprops=arrow)
-    axes.text((x0 + x1) / 2, y0 - 1.5 * gap, f"{x1 - x0:.1f} mm", ha="center", va="top", fontsize=8, color=INK)
-    axes.text(x1 + 1.4 * gap, (y0 + y1) / 2, f"{y1 - y0:.1f} mm", va="center", rotation=90, fontsize=8, color=INK)
-    axes.update_datalim([(x0, y0 - 3.0 * gap), (x1 + 3.0 * gap, y1)])
-
-
 def member_rows(truss: Truss, kit: Kit | None) -> tuple[list[str], list[list[str]]]:
     """Heads and cells of the table of members, lengths in mm and stiffnesses in N/m."""
     posts = ["post x", "post y", "post z"][: truss.dimension]
@@ -274,7 +277,6 @@ def _table(axes: Axes, design: JointDesign) -> None:
 
 
 def _side(axes: Axes, kit: Kit | None) -> None:
-    """Heights of plate, foot and layers."""
     axes.set_axis_off()
     if kit is None:
         return
@@ -297,18 +299,3 @@ def _side(axes: Axes, kit: Kit | None) -> None:
         axes.text(1.02, (low + high) / 2, f"{low:.2f} to {high:.2f} mm", va="center", fontsize=7, color=INK)
     axes.set_xlim(-0.6, 1.9)
     axes.set_title("layers, from the side", fontsize=9)
-
-
-def _notes(design: JointDesign) -> list[str]:
-    lines = [
-        f"U(V = 1) = {design.energy_j / MM:.3g} mJ; U - V_z inside the region: {design.fit.rms:.3f} RMS",
-        "lengths in mm as printed; rest: between pin centres (of cables and struts where their force begins)",
-    ]
-    if design.kit is not None:
-        printing = design.kit.printing
-        lines.append(
-            f"{printing.material.name}: E = {printing.material.young_pa / 1e6:g} MPa, strain up to "
-            f"{100 * printing.material.strain:g} %; walls {printing.wall_m / MM:g} mm or more; pins "
-            f"{printing.pin_m / MM:g} mm, holes {printing.hole_m / MM:g} mm"
-        )
-    return lines

@@ -5,7 +5,7 @@ length s: with the force P on its centre line Castigliano's theorem gives, I = b
 
     1 / k = N h^2 (h + 3 p) / (12 E I),    strain = 3 t delta / (N h (h + 3 p)),
 
-the beams bent by P y, the links of length p by P h / 2. Beams that turn by delta / (N h) <= ``TURN`` stay within this.
+the beams bent by P y, the links of length p by P h / 2. Beams that turn by delta / (N h) <= 0.3 stay within this.
 """
 
 from collections.abc import Sequence
@@ -16,9 +16,6 @@ import numpy as np
 from eal.arrays import Array
 from eal.joint_design import Law, Truss
 from mocap.joint_design.material import MakeError, Material
-
-TURN = 0.3
-"""Largest travel of a beam over its length, up to which the linear formulas are used."""
 
 PRINTED: tuple[Law, ...] = ("linear", "cable", "strut")
 """Laws that meanders follow."""
@@ -179,7 +176,7 @@ def forms(rest_m: float, least_m: float, most_m: float, law: Law, printing: Prin
     # the positive root of h (h + 3 p) = 3 t delta / (N strain)
     bent = 3.0 * t * travel / (n * printing.material.strain)
     by_strain = 0.5 * (np.sqrt(9.0 * p**2 + 4.0 * bent) - 3.0 * p)
-    by_turn = travel / (n * TURN)
+    by_turn = travel / (n * 0.3)
     by_slenderness = 0.0 if law == "cable" else rest_m / printing.slenderness
     narrow = np.maximum(np.maximum(by_strain, by_turn), np.maximum(np.maximum(by_slenderness, SLIM * t), p))
     possible = fits & (narrow <= printing.width_m)

@@ -9,18 +9,15 @@ import numpy as np
 import trimesh
 from manifold3d import Manifold
 
-from eal.arrays import Array
 from eal.joint_design import GOAL, LEVELS, Truss
 from mocap.errors import MocapError
 from mocap.joint_design.design import ENERGY, JointDesign
 from mocap.joint_design.drawing import drawing, figure_7_and_9, member_rows, motion, rest_point
 from mocap.joint_design.flexure import MM
-from mocap.joint_design.solid import PLATE_MM, Kit, assembled, keeps_wall, overlaps
+from mocap.joint_design.solid import PLATE_MM, assembled, keeps_wall, overlaps
 from mocap.text import plain
 
 DPI = 110
-FINEST_MM = 2e-3
-"""Edges shorter than this are taken out of a mesh."""
 
 
 def write_design(design: JointDesign, folder: Path, *, write_recording: Callable[[JointDesign, Path], None]) -> None:
@@ -45,28 +42,24 @@ def write_design(design: JointDesign, folder: Path, *, write_recording: Callable
         figure_7_and_9(design).savefig(folder / "potential_and_energy.png", dpi=DPI)
         motion(design).savefig(folder / "motion.png", dpi=DPI)
     if design.kit is not None:
-        _write_parts(design.kit, rest_point(design), folder)
+        (folder / "parts").mkdir()
+        for part in design.kit.parts:
+            mesh(part.solid).export(folder / "parts" / f"{part.name}.stl")
+        placed = assembled(design.kit, rest_point(design))
+        clash = overlaps(placed)
+        if clash:
+            a, b, volume = clash[0]
+            raise MocapError(f"parts {a} and {b} overlap by {volume:.2f} mm^3 when assembled: give another `seed`")
+        scene = trimesh.Scene()
+        for name, solid in placed:
+            scene.add_geometry(mesh(solid), node_name=name, geom_name=name)
+        scene.export(folder / "assembly.3mf")
     write_recording(design, folder / "recording.rrd")
-
-
-def _write_parts(kit: Kit, q_m: Array, folder: Path) -> None:
-    (folder / "parts").mkdir()
-    for part in kit.parts:
-        mesh(part.solid).export(folder / "parts" / f"{part.name}.stl")
-    placed = assembled(kit, q_m)
-    clash = overlaps(placed)
-    if clash:
-        a, b, volume = clash[0]
-        raise MocapError(f"parts {a} and {b} overlap by {volume:.2f} mm^3 when assembled: give another `seed`")
-    scene = trimesh.Scene()
-    for name, solid in placed:
-        scene.add_geometry(mesh(solid), node_name=name, geom_name=name)
-    scene.export(folder / "assembly.3mf")
 
 
 def mesh(solid: Manifold) -> trimesh.Trimesh:
     """A solid as a mesh of triangles without edges that single precision, the files' own, could close up."""
-    raw = solid.simplify(FINEST_MM).to_mesh()
+    raw = solid.simplify(2e-3).to_mesh()  # shorter edges are taken out
     return trimesh.Trimesh(np.asarray(raw.vert_properties)[:, :3], np.asarray(raw.tri_verts), process=False)
 
 

@@ -45,7 +45,10 @@ def stacked(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing
     Raises:
         MakeError: three or more members sweep over each other's posts.
     """
-    sweeps = _sweeps(truss, flexures, region_m, printing)
+    # pairs (i, j): member i comes over the place of member j's post
+    posts = truss.fixed_m[truss.ends[:, 0]]
+    near = clearance(truss, flexures, region_m, printing, posts) < printing.eye_m + PLAY_M
+    sweeps = {(i, j) for i, j in np.argwhere(near).tolist() if i != j}
     m = len(flexures)
     mutual = [(i, j) for i, j in sweeps if i < j and (j, i) in sweeps]
     needed = {k for pair in mutual for k in pair}
@@ -62,13 +65,6 @@ def stacked(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing
         f"members {names} sweep over each other's posts: they cannot be stacked; narrow them with a smaller "
         "`width_mm`, ask for fewer `members`, or take another `seed`"
     )
-
-
-def _sweeps(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> set[tuple[int, int]]:
-    """Pairs (i, j): member i comes over the place of member j's post."""
-    posts = truss.fixed_m[truss.ends[:, 0]]
-    near = clearance(truss, flexures, region_m, printing, posts) < printing.eye_m + PLAY_M
-    return {(i, j) for i, j in np.argwhere(near).tolist() if i != j}
 
 
 def clearance(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing, places_m: Array) -> Array:
@@ -94,7 +90,6 @@ def _distance(start: Array, end: Array, point: Array) -> Array:
 
 
 PLATE_MM = 4.0
-RIM_MM = 6.0
 FOOT_RADIUS_MM = 8.0
 FOOT_MM = 3.0
 COLUMN_MM = 4.0
@@ -168,7 +163,7 @@ def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: 
     columns = _columns(truss, flexures, region_m, printing) if stack.hanging else np.empty((0, 2))
     corners = np.concatenate([truss.fixed_m / MM, region_m / MM, columns])
     rim = CrossSection.hull_points(np.asarray(corners, dtype=np.float64)).offset(
-        RIM_MM + printing.eye_m / MM, JoinType.Round, circular_segments=ROUND
+        6.0 + printing.eye_m / MM, JoinType.Round, circular_segments=ROUND
     )
     base = Manifold.extrude(rim, PLATE_MM) + Manifold.batch_boolean(
         [posts[i] for i in range(len(flexures)) if i not in stack.hanging], OpType.Add

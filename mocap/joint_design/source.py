@@ -61,7 +61,14 @@ def read_source(source: Path, joint: str | None, skeleton: Path | None) -> Joint
         MocapError: nothing of that kind, or no such joint; the message names those that there are.
     """
     if source.is_dir():
-        return _from_run(source, joint)
+        files = current_files(source)
+        potentials = {Path(file).stem: path for file, path in files.items() if file.startswith("potentials/")}
+        there = sorted(potentials)
+        if not there:
+            raise MocapError(f"{source}: has no potentials/: give a folder that mocap track wrote with `skeleton`")
+        if joint not in there:
+            raise MocapError(f"{source}: give `joint`, one of {', '.join(there)}" + (f", not {joint}" if joint else ""))
+        return _from_file(potentials[joint], joint, files.get("joints.csv", source / "joints.csv"))
     if not source.is_file():
         raise MocapError(f"{source}: there is no such file: give the folder of a run, a potential, or a model (.npz)")
     try:
@@ -90,7 +97,11 @@ def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
             t_s=np.arange(len(samples_m), dtype=np.float64),
             path_m=samples_m,
         )
-    table = _table(tracks)
+    # ``joints.csv`` of a run
+    titles, values = read_table(tracks)
+    found = dict(zip(titles, values.T, strict=True))
+    checked(tracks.name, found, _TIMES, again="run mocap track again")
+    table = pd.DataFrame(found)
     near: dict[str, float] = {}
     for frame in FRAMES:
         columns = [f"{joint}_{frame}_{axis}" for axis in "xyz"[: potential.dimension]]
@@ -117,25 +128,6 @@ def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
 
 
 _TIMES: Schema = {"t_s": Entry(shape=("frames",), rising=True)}
-
-
-def _table(path: Path) -> pd.DataFrame:
-    """``joints.csv`` of a run."""
-    titles, values = read_table(path)
-    found = dict(zip(titles, values.T, strict=True))
-    checked(path.name, found, _TIMES, again="run mocap track again")
-    return pd.DataFrame(found)
-
-
-def _from_run(folder: Path, joint: str | None) -> JointSource:
-    files = current_files(folder)
-    potentials = {Path(file).stem: path for file, path in files.items() if file.startswith("potentials/")}
-    there = sorted(potentials)
-    if not there:
-        raise MocapError(f"{folder}: has no potentials/: give a folder that mocap track wrote with `skeleton`")
-    if joint not in there:
-        raise MocapError(f"{folder}: give `joint`, one of {', '.join(there)}" + (f", not {joint}" if joint else ""))
-    return _from_file(potentials[joint], joint, files.get("joints.csv", folder / "joints.csv"))
 
 
 def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, path: Path) -> JointSource:

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eal.arrays import Array
-from eal.vectors import cross
+from eal.arrays import Array, cross
 from mocap.measures import SEQUENCE
 
 

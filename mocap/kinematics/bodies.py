@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eal.arrays import Array
-from eal.vectors import cross, skew
+from eal.arrays import Array, cross, skew
 from mocap.errors import MocapError
 from mocap.filters.body_axes import nearest_rotation
 from mocap.filters.velocities import Motion

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-EDGE = 3
-"""A contact that begins in the first so many frames may have begun before them."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Cycle:
     """One cycle; a row of ``cycles.csv``. NaN where a quantity does not belong to its kind.
@@ -278,7 +274,7 @@ def strides(found: Kinematics, steps: Footfalls) -> list[Cycle]:
     out: list[Cycle] = []
     t_s = steps.t_s
     for foot, name in enumerate(steps.feet):
-        runs = [run for run in true_runs(steps.stance[:, foot]) if run[0] >= EDGE]
+        runs = [run for run in true_runs(steps.stance[:, foot]) if run[0] >= 3]  # it may have begun before them
         rests = found[f"{name}_speed_m_s"].rests
         for number, ((start, stop), (after, _)) in enumerate(pairwise(runs), start=1):
             begin, end = (float(t_s[f - 1] + t_s[f]) / 2 for f in (start, after))

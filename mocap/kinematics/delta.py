@@ -66,15 +66,11 @@ STEP = 1e-4
 """Steps of numerical slopes, as a share of the distances between the points."""
 
 
-MOST_NUMBERS = 200_000
-"""Coordinates at once: what fits into a processor's cache, and memory does not grow with the recording."""
-
-
 def slopes(function: Function, x: Array, step: float, *, angle: bool) -> Array:
     """(T, 3k) slopes of a function of k points (T, k, 3), by central differences; all in one call."""
     count, points = x.shape[:2]
     size = 3 * points
-    at_once = max(1, MOST_NUMBERS // (2 * size**2))
+    at_once = max(1, 200_000 // (2 * size**2))  # coordinates that a processor's cache holds
     if count > at_once:
         parts = [slopes(function, x[i : i + at_once], step, angle=angle) for i in range(0, count, at_once)]
         return np.concatenate(parts)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array
-from eal.vectors import cross
+from eal.arrays import Array, cross
 from mocap.filters.velocities import Motion
 from mocap.kinematics.angles import unit
 from mocap.kinematics.cycles import Footfalls
@@ -19,8 +18,6 @@ from mocap.measures import AXES
 from mocap.skeleton import Skeleton
 
 GRAVITY_M_S2 = 9.81
-ROD = 1 / 12
-"""Moment of inertia of a thin uniform rod about its centre, over its mass and squared length."""
 
 
 def moments(motion: Motion, skeleton: Skeleton, *, steps: Footfalls | None = None, recording: str = "") -> Kinematics:
@@ -89,7 +86,8 @@ class _Loads:
             lever = (1 - share) * x[:, i] + share * x[:, j] - centre
             pull = (1 - share) * a[:, i] + share * a[:, j] - self.gravity
             force += mass * pull
-            moment += mass * (cross(lever, pull) + ROD * cross(x[:, j] - x[:, i], a[:, j] - a[:, i]))
+            # of a thin uniform rod about its centre
+            moment += mass * (cross(lever, pull) + (1 / 12) * cross(x[:, j] - x[:, i], a[:, j] - a[:, i]))
         return force, moment
 
 

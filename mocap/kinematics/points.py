@@ -10,8 +10,6 @@ from mocap.skeleton import Skeleton
 
 BODY, MASS = "body", "centre_of_mass"
 """Means of the markers of the trunk, and of all segments by their masses."""
-MOST_BYTES = 4e8
-"""Joint covariances of pairs take at most so much memory; of longer recordings those of joints alone are kept."""
 
 
 def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Asked:
@@ -34,7 +32,7 @@ def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Ask
             if a in index and b in index
         }
         more = [*pairs, *sorted(found - set(pairs))]
-        if 4 * 36 * len(more) * n_frames <= MOST_BYTES:
+        if 4 * 36 * len(more) * n_frames <= 4e8:  # of longer recordings covariances of joints alone
             pairs = more
     return Asked(names=(*names, *means), weights=tuple(weights), pairs=tuple(pairs))
 

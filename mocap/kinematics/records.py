@@ -27,8 +27,6 @@ class Rests(IntEnum):
     FILLED = 2  # one of them at least was filled
 
 
-FAR = 30.0
-"""Standard deviations from zero where the normal interval of a length is right within a thirtieth of one of them."""
 WORDS = tuple(one.name.lower() for one in Rests)
 
 
@@ -81,7 +79,7 @@ class Quantity:
         normal interval is within sd^2 / value of it.
         """
         end = self.value + np.sign(share - 0.5) * Z95 * self.sd
-        near = self.value < FAR * self.sd
+        near = self.value < 30.0 * self.sd  # above, the normal interval of a length is right within 1/30 SD
         if "speed" not in self.name.split("_") or not near.any():
             return end
         ratio = self.value[near] / self.sd[near]

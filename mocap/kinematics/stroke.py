@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array
-from eal.vectors import cross
+from eal.arrays import Array, cross
 from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.delta import Naming, Points, called, with_rates

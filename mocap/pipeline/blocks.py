@@ -37,7 +37,7 @@ BLOCK = 4000
 """Frames of a block."""
 LONG = 20_000
 """Recordings of more frames are tracked in blocks unless something else is asked for."""
-LEAST_S, LEAST, MOST, STEADY = 0.5, 60, 1000, 30
+LEAST_S, LEAST, MOST = 0.5, 60, 1000
 """A margin is this long in seconds and in frames at least, in frames at most; each marker is seen in so many."""
 EXCERPTS, EXCERPT = 6, 400
 """What is learned once is learned from so many stretches of so many frames, evenly over the recording."""
@@ -58,13 +58,13 @@ def sighted(recording: Recording) -> Mask:
 def margin(seen: Mask, dt_s: float) -> int:
     """Frames that a block is tracked with beyond its end, given (n, M) sightings from there on, nearest first.
 
-    So many that each marker that is seen in the next ``MOST`` frames was seen in ``STEADY`` of these.
+    So many that each marker that is seen in the next ``MOST`` frames was seen in 30 of these.
     """
     least = max(LEAST, round(LEAST_S / dt_s))
     count = np.cumsum(seen[:MOST], axis=0)
     if not len(count):
         return 0
-    wanted = np.minimum(STEADY, count[-1])
+    wanted = np.minimum(30, count[-1])
     steady = (count >= wanted).argmax(axis=0) + 1
     return min(len(count), MOST, max(least, int(steady.max(initial=0))))
 

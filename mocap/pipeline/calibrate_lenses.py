@@ -17,13 +17,6 @@ from mocap.io.movies import FILMS, Movie, open_movie
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
 from mocap.text import plain
 
-MOST_FRAMES = 80
-"""So many frames of a film are searched for the board, evenly spaced."""
-_STILL = 0.01
-"""A board that moved by less than this share of the picture's width is seen as before."""
-_LOOSE = 0.03
-_FAR = 2e-3
-
 
 def lenses_from_pictures(
     folder: Path, board: Board, *, lens: str = "auto", tell: Callable[[str], None] = lambda _: None
@@ -59,7 +52,7 @@ def lenses_from_pictures(
 def _distinct(seen: BoardViews) -> dict[str, Corners]:
     """Views whose boards moved from every earlier one kept: a board held still in a film is one view, not many."""
     kept: dict[str, Corners] = {}
-    least = _STILL * max(seen.size_px)
+    least = 0.01 * max(seen.size_px)  # a board that moved by less is seen as before
     for label, corners in seen.corners.items():
         if all(_moved_px(corners, other) > least for other in kept.values()):
             kept[label] = corners
@@ -101,7 +94,7 @@ def board_pictures(folder: Path) -> dict[str, Pictures]:
 
 def _of_film(path: Path) -> Pictures:
     movie = open_movie(path)
-    count = min(movie.n_frames, MOST_FRAMES)
+    count = min(movie.n_frames, 80)  # evenly spaced
     frames = np.unique(np.linspace(0, movie.n_frames - 1, count).round().astype(np.int64))
     return Pictures(
         labels=tuple(f"{path.name} frame {f + 1}" for f in frames), read=lambda wanted: _grey(movie, frames[wanted])
@@ -129,12 +122,12 @@ def _joined(parts: Sequence[Pictures]) -> Pictures:
 
 
 def _refuse(name: str, found: Intrinsics, seen: BoardViews) -> None:
-    if found.f_sd_px > _LOOSE * found.lens.f_px[0]:
+    if found.f_sd_px > 0.03 * found.lens.f_px[0]:
         raise CalibrationError(
             f"camera {name!r}: its pictures do not determine its focal length ({found.lens.f_px[0]:.0f} +- "
             f"{found.f_sd_px:.0f} px): tilt the board by 30 degrees or more in some pictures"
         )
-    if found.rms_px > _FAR * max(seen.size_px):
+    if found.rms_px > 2e-3 * max(seen.size_px):
         raise CalibrationError(
             f"camera {name!r}: corners miss by {found.rms_px:.1f} px, where their detection is accurate to tenths of a "
             "pixel: check that all pictures are this camera's, at one zoom and focus, none cropped, and the board flat"

@@ -33,8 +33,6 @@ from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Plane, Status, marker_tracks
 from mocap.skeleton import Measures, Skeleton
 
-LEAST_SD_M = 1e-6
-"""Positions are not known better than that, whatever a file says."""
 LEAST_LIKELIHOOD = 0.6
 """Clicks below are rejected: without a second camera nothing tells what a likelihood is worth (DeepLabCut's cutoff)."""
 
@@ -369,7 +367,7 @@ def _by_likelihood(film: Recording) -> tuple[LikelihoodNoise | None, NDArray[np.
 def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Recording:
     """Positions, of which the noise is estimated where no covariance states it."""
     names, plane, skeleton = tracks.names, recording.plane, recording.skeleton
-    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
+    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), 1e-6)  # whatever a file says
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     swaps, _ = without_edited(named.swaps, recording.edited)
     xyz, sd = exchange(tracks.xyz_m, swaps), exchange(sd, swaps)

@@ -12,13 +12,6 @@ from eal.sums import Landmarks, PotentialSums, choose_landmarks, sums_of, total
 from mocap.errors import MocapError
 from mocap.pipeline.potentials import FEWEST, FRAME, NAMES, JointPotential, settings
 
-SKETCH = 40
-"""Samples of a joint and trial from which scale and kernel are chosen, for all trials together."""
-LANDMARKS = 400
-"""Most landmarks of a potential."""
-SHOWN = 2000
-"""Samples of all trials that a potential keeps to be drawn with."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
@@ -67,7 +60,7 @@ class ManyTrials:
         if odd or len(set(without)) == len(self.sums):
             raise MocapError(f"cannot leave out {', '.join(odd or without)}: the trials are {', '.join(self.sums)}")
         found = self._fitted(total(part for name, part in self.sums.items() if name not in without))
-        shown = self.sketch_m[:: max(1, len(self.sketch_m) // SHOWN)]
+        shown = self.sketch_m[:: max(1, len(self.sketch_m) // 2000)]  # samples to draw a potential with
         return JointPotential(
             joint=self.joint,
             frame=self.frame,
@@ -124,7 +117,8 @@ def learn_joints(names: Sequence[str], trial: Callable[[str], Mapping[str, Array
     owners: dict[str, list[str]] = {}
     for name in names:
         for joint, samples in trial(name).items():
-            few = samples[np.linspace(0, len(samples) - 1, min(len(samples), SKETCH)).astype(int)]
+            # samples of a joint and trial that choose scale and kernel for all trials
+            few = samples[np.linspace(0, len(samples) - 1, min(len(samples), 40)).astype(int)]
             sketches.setdefault(joint, []).append(few)
             owners.setdefault(joint, []).extend([name] * len(few))
     scales: dict[str, float] = {}
@@ -160,4 +154,4 @@ def learn_joints(names: Sequence[str], trial: Callable[[str], Mapping[str, Array
 
 
 def _landmarks(chosen: Choice, samples: Array) -> Landmarks:
-    return choose_landmarks(chosen.kernel, samples, lam=chosen.lam, max_rank=LANDMARKS)
+    return choose_landmarks(chosen.kernel, samples, lam=chosen.lam, max_rank=400)

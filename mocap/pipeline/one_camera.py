@@ -11,7 +11,7 @@ from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
 from mocap.filters.moving import asked_of
-from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, left_out, shown, track_views
+from mocap.filters.one_camera import Found, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
@@ -126,7 +126,7 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
     residual = np.full((n_frames, n_markers), np.nan)
     xyz[inside], cov[inside], residual[inside] = found.estimate.xyz_m, found.estimate.cov_m2, found.residual_px
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
-    other = found.other if found.other > UNDECIDED else None
+    other = found.other if found.other > 0.05 else None  # rarer mirror images are not told of
     rays = np.full(film.ideal_px.shape[:3], noise)
     done = film.having(
         position=xyz,

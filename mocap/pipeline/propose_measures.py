@@ -9,16 +9,6 @@ from mocap.filters.body_axes import body_frames
 from mocap.filters.poses import MarkerTrial
 from mocap.measures import Measures
 
-LIKE = 0.5
-"""Autocorrelation of a limb's elevation one cycle later: white noise has 0, a sine 1; half of its variance repeats."""
-SWINGS_DEG = 15.0
-"""From the 5th to the 95th percentile a limb swings by that angle at least; noise of bones bends them by up to 10."""
-CYCLES = 2.5
-"""Cycles that a recording must show at least, so that one is seen whole wherever it begins."""
-STANDS = 0.25
-"""A foot moves slower than a quarter of its mean speed for at least as large a share of the time."""
-_BODY_HZ = 30.0
-
 
 def proposed_measures(
     names: Sequence[str], trial: MarkerTrial, bones: Sequence[tuple[int, int]], trunk: Sequence[int]
@@ -34,7 +24,7 @@ def proposed_measures(
     if not trunk or len(trial.t_s) < 20:
         return Measures()
     dt_s = float(np.diff(trial.t_s).mean())
-    axes = body_frames(trial.xyz_m[:, list(trunk)], dt_s=dt_s, cutoff_hz=min(_BODY_HZ, 0.4 / dt_s)).rotation
+    axes = body_frames(trial.xyz_m[:, list(trunk)], dt_s=dt_s, cutoff_hz=min(30.0, 0.4 / dt_s)).rotation
     found = {limb: cycle_frames(_swing(trial.xyz_m, axes, *limb)) for limb in _limbs(bones, trunk)}
     limbs = [limb for limb, cycle in found.items() if cycle]
     feet = [tip for root, tip in limbs if stands(trial.xyz_m[:, tip], found[root, tip])]
@@ -79,11 +69,12 @@ def _swing(xyz_m: Array, axes: Array, root: int, tip: int) -> Array:
     main = np.linalg.svd(centred[seen], full_matrices=False)[2][0]
     swing = np.degrees(np.arcsin(np.clip(centred @ main, -1, 1)))
     low, high = np.nanpercentile(swing, [5, 95])
-    return swing if high - low >= SWINGS_DEG else np.full(len(swing), np.nan)
+    # 5th to 95th percentile; noise of bones bends them by up to 10
+    return swing if high - low >= 15.0 else np.full(len(swing), np.nan)
 
 
 def cycle_frames(values: Array) -> int:
-    """Frames after which a series repeats; 0 where it does not, or shows fewer than ``CYCLES`` of them.
+    """Frames after which a series repeats; 0 where it does not, or shows fewer than 2.5 of them.
 
     The first peak of the autocorrelation after its first crossing of zero, of what is left of the series without its
     trend, each lag with the pairs that are there.
@@ -94,7 +85,7 @@ def cycle_frames(values: Array) -> int:
     frames = np.arange(len(values))
     rest = values - np.polyval(np.polyfit(frames[seen], values[seen], 1), frames)
     y, there = np.where(seen, rest, 0.0), seen.astype(float)
-    most = int(len(y) / CYCLES)
+    most = int(len(y) / 2.5)  # so that one is seen whole wherever it begins
     pairs = np.array([there[: len(y) - k] @ there[k:] for k in range(most + 1)])
     sums = np.array([y[: len(y) - k] @ y[k:] for k in range(most + 1)])
     scale = y @ y / seen.sum()
@@ -109,7 +100,8 @@ def cycle_frames(values: Array) -> int:
     first = int(np.argmax(high))
     last = first + int(np.argmin(high[first:])) or len(high)
     lag = int(below[0]) + first + int(np.argmax(after[first : max(last, first + 1)]))
-    return lag if like[lag] >= LIKE and 3 < lag < most else 0
+    # white noise has 0, a sine 1: half of the variance repeats
+    return lag if like[lag] >= 0.5 and 3 < lag < most else 0
 
 
 def stands(xyz_m: Array, cycle: int) -> bool:
@@ -117,4 +109,5 @@ def stands(xyz_m: Array, cycle: int) -> bool:
     step = max(1, cycle // 10)  # noise of each frame is not speed
     speed = np.linalg.norm(xyz_m[step:] - xyz_m[:-step], axis=-1)
     speed = speed[np.isfinite(speed)]
-    return len(speed) > 0 and bool(np.mean(speed < 0.25 * speed.mean()) >= STANDS)
+    # a foot: at a quarter of its mean speed or less for a quarter of the time
+    return len(speed) > 0 and bool(np.mean(speed < 0.25 * speed.mean()) >= 0.25)

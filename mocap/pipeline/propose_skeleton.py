@@ -31,13 +31,6 @@ RIGID = 0.05
 """Largest variation of a rigid bone relative to its length, as where models look for bones (``filters.bones``)."""
 SOFT = 0.10
 """The same of a bone that is proposed as soft."""
-TRUNK_MOST = 5
-"""Markers of the trunk at most: three fix its frame, two of five may be hidden, more bring in what moves."""
-BENDS_DEG = 10.0
-"""A joint bends through at least that angle, from the 5th to the 95th percentile, and four times that of the noise."""
-JOINT_HZ = 30.0
-"""Axes of the trunk follow it up to this frequency, as those of joint coordinates."""
-_MOST_DISTANCES = 2e7
 
 Pair = tuple[int, int]
 
@@ -234,7 +227,7 @@ def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -
     if not trunk or not np.isfinite(trial.xyz_m[:, trunk]).any():
         return []
     dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
-    axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s, cutoff_hz=JOINT_HZ).rotation
+    axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s, cutoff_hz=30.0).rotation  # as of joint coordinates
     return articulation(names, trial.xyz_m, trial.sd_m, axes, trunk=skeleton.trunk, bones=skeleton.rigid)
 
 
@@ -277,7 +270,7 @@ Then write the new name in all lists above."""
 def kept_distances(trial: MarkerTrial) -> Kept:
     """How far markers keep their distances in a trial; of many markers and frames, in some of the frames."""
     count = trial.xyz_m.shape[1]
-    step = max(1, int(len(trial.t_s) * count**2 / _MOST_DISTANCES))
+    step = max(1, int(len(trial.t_s) * count**2 / 2e7))
     some = MarkerTrial(name=trial.name, t_s=trial.t_s[::step], xyz_m=trial.xyz_m[::step], sd_m=trial.sd_m[::step])
     found = learn_bones([some], np.array(np.triu_indices(count, 1)).T)
     length, varies = np.full((2, count, count), np.nan)
@@ -306,7 +299,7 @@ def spanning_bones(kept: Kept) -> list[tuple[int, int]]:
 
 
 def trunk_of(trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]]) -> list[int]:
-    """Three to ``TRUNK_MOST`` markers that move as one body in the middle of the animal; none where no three do.
+    """Three to five markers that move as one body in the middle of the animal; none where no three do.
 
     From each marker a body grows by the nearest ones that keep their distances. Of the bodies that wobble by less than
     ``WOBBLES_DEG`` it is the one without which the bones fall apart into the smallest pieces; then the steadiest.
@@ -315,7 +308,7 @@ def trunk_of(trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]]) -
     for start, length in enumerate(kept.length_m):
         body = [start]
         for marker in np.argsort(np.where(np.isnan(length), np.inf, length), kind="stable").tolist():
-            if len(body) == TRUNK_MOST:
+            if len(body) == 5:  # three fix its frame, two may be hidden, more bring in what moves
                 break
             if marker == start or not (kept.varies[marker, body] <= RIGID).all():
                 continue
@@ -365,7 +358,7 @@ def _joints(
         if len(angle) < 2:
             continue
         low, high = np.quantile(angle, [0.05, 0.95])
-        if high - low < max(BENDS_DEG, 4 * noise):
+        if high - low < max(10.0, 4 * noise):  # from the 5th to the 95th percentile
             shown = ", ".join(quoted(names[m]) for m in (parent, centre, child))
             stiff.append(
                 f"Not proposed, because the angle changes by {max(high - low, noise):.0f} degrees or less: {shown}"

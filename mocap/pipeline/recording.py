@@ -45,9 +45,6 @@ from mocap.pipeline.variables import (
 from mocap.records import JointAngles, JointTracks, MarkerTracks, PixelTracks, Plane
 from mocap.skeleton import Skeleton
 
-WIDE = 0.05
-"""A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Footage:
@@ -475,7 +472,7 @@ class Recording:
             dof=np.full(len(uv), USUAL_DOF) if self.noise is None else self.noise.dof,
             xyz_m=xyz,
             cov_m2=cov,
-            wide_m=WIDE * float(depth),
+            wide_m=0.05 * float(depth),  # vaguer ones: no sigma points
             by_hand=self.by_hand,
         )
 

@@ -476,9 +476,6 @@ def _gap_lines(title: str, methods: Mapping | None, unit: str) -> list[str]:
     return [*lines, "", *([f"Methods: {told}.", ""] if told else [])]
 
 
-MOST_ROWS = 60
-
-
 def residuals_by_camera(recording: Recording) -> dict[str, dict[str, float | None]]:
     """Median distance in pixels from clicks to where their triangulated points project, by camera and by marker.
 
@@ -509,7 +506,7 @@ def residual_lines(residuals: Mapping[str, Mapping[str, float | None]]) -> list[
     cameras = list(residuals)
     markers = [name for name in residuals[cameras[0]] if name != "all"]
     largest = {m: max((residuals[c][m] or 0.0) for c in cameras) for m in markers}
-    markers = sorted(markers, key=lambda m: -largest[m])[:MOST_ROWS]
+    markers = sorted(markers, key=lambda m: -largest[m])[:60]
 
     def row(title: str, name: str) -> str:
         cells = ("-" if (v := residuals[c][name]) is None else f"{v:.2f}" for c in cameras)

@@ -37,8 +37,6 @@ Mask = NDArray[np.bool_]
 
 FAR = 3.0
 """A sample is not called measured if it lies more than so many standard deviations from where it was measured."""
-JOINT_HZ = 30.0
-"""Body frames of joint coordinates follow the trunk up to this frequency."""
 MOVED = {"moved": f"the track lies more than {FAR:g} standard deviations from where the sample was measured"}
 """Why a sample was rejected here, by the key that reports use."""
 
@@ -244,7 +242,7 @@ def whole_frames(recording: Recording) -> BodyFrames:
     part = seen_part(recording)
     trunk = [part.names.index(name) for name in recording.skeleton.trunk if name in part.names]
     xyz_m = part.xyz_m[:, trunk] if trunk else part.xyz_m
-    inner, (frames, _) = body_frames(xyz_m, dt_s=recording.dt_s, cutoff_hz=JOINT_HZ), recording.place(part)
+    inner, (frames, _) = body_frames(xyz_m, dt_s=recording.dt_s, cutoff_hz=30.0), recording.place(part)
     index = np.clip(np.arange(len(recording.t_s)) - frames.start, 0, len(xyz_m) - 1)
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 

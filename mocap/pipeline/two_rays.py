@@ -25,24 +25,8 @@ from mocap.pipeline.tracking import learn_motion, marker_trial, seen_part, track
 
 FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
-LEAST = 0.05
-"""Points of two rays are looked at if they are more than this share: that costs a pass of the filter."""
-JOINS, NEAR = 0.2, 3
-"""A run of points joins the marker's motion if at its ends, of which another point is so many frames away at most, the
-marker by itself is expected less than such a share as far away as the pose filter expects it: in six flights and their
-copies with wrong clicks (docs/experiments/two_cameras.md) right runs have up to 0.2, wrong ones 0.24 to 1.5."""
-BELIEVED = 0.5
-"""Points of such a run are believed of which the marker by itself is expected less than such a share as far away."""
-LEFT = 1.5
-"""A marker is looked at if it has so many times as many points in all: the filter learns from the others alone."""
 PAUSE = 5
 """Frames that show a marker in two cameras are of one run, with at most so many between them that do not."""
-MISS = 0.1
-"""Two cameras disagree in a run if their rays do not meet in such a share of its frames, and in two at least."""
-BESIDE = 0.5
-"""They are looked at as well where one is wrong about another marker in such a share of the frames,"""
-ROUNDS = 3
-"""in so many rounds."""
 SURE = 2 * np.log(33)
 """A camera is taken to be wrong if the mean squared distance of its rays is larger by so much: in one frame the other
 marker would be 33 times less likely, and all frames count as one, for the filter errs alike in them."""
@@ -89,7 +73,8 @@ def disagreements(recording: Recording, wrong: Mask | None = None) -> list[Disag
             misses = apart[frames[run], marker]
             first, second = cameras[run[0]].tolist()
             beside = max(doubted[camera, frames[run]].mean() for camera in (first, second))
-            if (misses.sum() > 1 and misses.mean() >= MISS) or beside >= BESIDE:
+            # their rays do not meet in a tenth of the frames, or one is wrong about another marker in half
+            if (misses.sum() > 1 and misses.mean() >= 0.1) or beside >= 0.5:
                 found.append(Disagreement(marker=marker, frames=frames[run], cameras=(first, second)))
     return found
 
@@ -107,7 +92,8 @@ def worth_checking(recording: Recording) -> bool:
 
 
 def _many(recording: Recording) -> bool:
-    return bool(unconfirmed(recording).sum() > LEAST * np.isfinite(recording.xyz_m[..., 0]).sum())
+    # that costs a pass of the filter
+    return bool(unconfirmed(recording).sum() > 0.05 * np.isfinite(recording.xyz_m[..., 0]).sum())
 
 
 def without_contradicted(recording: Recording, learned: LearnedModel | None = None) -> Recording:
@@ -141,7 +127,8 @@ def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: Lea
     runs of points that go on from where others have the marker, and lead to where they have it, are believed.
     """
     asked = unconfirmed(recording)
-    asked &= np.isfinite(recording.xyz_m[..., 0]).sum(axis=0) >= LEFT * asked.sum(axis=0)
+    # half as many again in all as are asked: the filter learns from the others alone
+    asked &= np.isfinite(recording.xyz_m[..., 0]).sum(axis=0) >= 1.5 * asked.sum(axis=0)
     doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
     if not asked.any() or not _can_expect(doubted, learned):
         return recording
@@ -176,10 +163,13 @@ def continuing(recording: Recording, asked: Mask, away_m: Array) -> Mask:
         frames, others = np.flatnonzero(asked[:, marker]), known[:, marker] & ~asked[:, marker]
         for run in np.split(frames, np.flatnonzero(np.diff(frames) > PAUSE + 1) + 1):
             contradicted = run[np.isfinite(away_m[run, marker])]
-            ends = [(run[0], slice(max(0, run[0] - NEAR), run[0])), (run[-1], slice(run[-1] + 1, run[-1] + 1 + NEAR))]
+            ends = [(run[0], slice(max(0, run[0] - 3), run[0])), (run[-1], slice(run[-1] + 1, run[-1] + 4))]
             misses = [miss_m[end, marker] for end, beside in ends if others[beside].any()]
-            if len(contradicted) and misses and max(misses) < JOINS * np.median(away_m[contradicted, marker]):
-                out[contradicted, marker] = miss_m[contradicted, marker] < BELIEVED * away_m[contradicted, marker]
+            # in six flights and their copies with wrong clicks (docs/experiments/two_cameras.md) right
+            # runs have up to 0.2, wrong ones 0.24 to 1.5
+            if len(contradicted) and misses and max(misses) < 0.2 * np.median(away_m[contradicted, marker]):
+                # those that the marker by itself is expected less than half as far from
+                out[contradicted, marker] = miss_m[contradicted, marker] < 0.5 * away_m[contradicted, marker]
     return out
 
 
@@ -189,7 +179,7 @@ def _without_wrong_rays(recording: Recording, pose: PoseSettings, learned: Learn
     The filter is given neither ray of such a run, and has not learned from their points.
     """
     checked, wrong, trials = recording, np.zeros(recording.uv_px.shape[:3], dtype=bool), None
-    for _ in range(ROUNDS):
+    for _ in range(3):
         runs, hidden = disagreements(checked, wrong), np.zeros(wrong.shape[1:], dtype=bool)
         for run in runs:
             hidden[run.frames, run.marker] = True

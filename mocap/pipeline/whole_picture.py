@@ -13,7 +13,7 @@ from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError, MocapError
 from mocap.io.contents import FileContents
 from mocap.io.crop import crops_beside, crops_of, matched
-from mocap.io.head import head
+from mocap.io.format import head
 from mocap.records import PixelTracks
 
 FROM_ZERO = ("deeplabcut-csv", "deeplabcut-h5")

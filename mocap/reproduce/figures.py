@@ -125,12 +125,7 @@ def reproduce(
                     progress(verdict.line())
     text = json.dumps([asdict(v) for v in verdicts], indent=1, ensure_ascii=False)
     (out / "verdicts.json").write_text(text, encoding="utf-8")
-    (out / "figures.md").write_text(_contents(verdicts), encoding="utf-8")
-    return verdicts
-
-
-def _contents(verdicts: Sequence[Verdict]) -> str:
-    """A line for every figure of the paper: its file and how many of its claims hold, or where else it is."""
+    # A line for every figure of the paper: its file and how many of its claims hold, or where else it is
     lines = ["# Figures of the EAL paper", ""]
     for name in sorted((*FIGURES, *ELSEWHERE, *RECORDED), key=_order):
         mine = [v for v in verdicts if v.figure == name]
@@ -141,7 +136,8 @@ def _contents(verdicts: Sequence[Verdict]) -> str:
             held = sum(v.holds for v in mine)
             title = label(name).replace("fig", "Figure").capitalize()
             lines.append(f"- {title}: {stem}.png, {stem}.csv; {held} of {len(mine)} claims hold")
-    return "\n".join(lines) + "\n"
+    (out / "figures.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return verdicts
 
 
 def _order(name: str) -> tuple[int, str]:

@@ -36,12 +36,8 @@ STRENGTHS_J = {
 """Of the wrist such that Theorem 3 says something at the energies that muscles give it; less would be likelier."""
 FREE_POWER_W = {"planar": 30.0, "spherical": 30.0, "wrist": 1e5}
 """Of the force noise where V_z is still to be learned: forces of the constraint, and of muscles, are part of it."""
-HELD_OUT = 150
-"""Frames by which 1/eps^2 and the noise are chosen."""
 START_SD = {"planar": (0.02, 0.5), "spherical": (0.02, 0.5), "wrist": (0.1, 10.0)}
 """Standard deviations of coordinates and velocities in the first frame."""
-BEGUN = 40
-"""Frames from which the state at the first is found."""
 STEADY_HZ = 4.0
 """Faster motion of the trunk is left in the joint coordinates."""
 
@@ -130,7 +126,7 @@ def _tracked(
     free = _free(name, system, learn)
     learn = replace(learn, q=np.where(free.measured[:, None] > 0, free.q, np.nan))
     most = len(learn.q)
-    aside = most - min(most // 3, HELD_OUT)
+    aside = most - min(most // 3, 150)
     kept = at_frames(learn, slice(aside, None))
     model, power = learned_noise(
         PenalisedModel(system=system, penalty=learned(learn.q[: 2 * most // 3]), strength=1.0),
@@ -144,7 +140,7 @@ def _tracked(
     potential = learned(learn.q)
     model = replace(model, penalty=potential)
     seen = _cut(seen, len(seen.q))
-    begun = _free(name, system, _cut(seen, BEGUN))
+    begun = _free(name, system, _cut(seen, 40))
     track = track_joint(
         model,
         seen.sights,
@@ -271,6 +267,5 @@ def _limb(recording: SyntheticRecording) -> Seen:
 
 
 def _scaled(seen: Seen, scale_m: float) -> Seen:
-    """Coordinates in units of ``scale_m``."""
     sights = replace(seen.sights, chart=lambda at: scale_m * at[:, None])
     return Seen(sights=sights, q=seen.q / scale_m, truth=seen.truth / scale_m)

@@ -44,7 +44,6 @@ def built_in_samples() -> Mapping[str, Array]:
 
 BEATS_S, STEPS_S = np.arange(240) / 240.0, np.arange(240) / 120.0
 """Times of a simulated trial: nine wing beats, and six strides."""
-TRIALS = 8
 
 
 def elbow_flights(real: Path | None = None) -> Mapping[str, list[Array]]:
@@ -57,7 +56,7 @@ def elbow_flights(real: Path | None = None) -> Mapping[str, list[Array]]:
         (N, 1) degrees of each trial of ``bat`` and of ``lizard``.
     """
     found: dict[str, list[Array]] = {"bat": [], "lizard": []}
-    for seed in range(TRIALS):
+    for seed in range(8):
         for animal, scene in (("bat", bat_motion(seed)(BEATS_S)), ("lizard", lizard_motion(seed)(STEPS_S))):
             names = scene.skeleton.markers
             arm = (scene.xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))

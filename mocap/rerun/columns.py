@@ -76,24 +76,6 @@ def numbered_from(first: int, *, every: int = 1) -> Iterator[None]:
         _NUMBERS.reset(token)
 
 
-def time_columns(t_s: Array, *, at: NDArray | None = None) -> list[rr.TimeColumn]:
-    """The two time axes: the number of the frame, from 1 as in the tables, and the time in whole nanoseconds.
-
-    See ``numbered_from`` for recordings of a part.
-
-    Args:
-        t_s: (T,) times in seconds.
-        at: Indices of the frames to take, from 0; None: all.
-    """
-    frames = np.arange(len(t_s)) if at is None else at
-    ns = np.round(t_s[frames] * 1e9).astype(np.int64)
-    first, every = _NUMBERS.get()
-    return [
-        rr.TimeColumn(FRAME, sequence=first + every * frames),
-        rr.TimeColumn(TIME, duration=ns.astype("timedelta64[ns]")),
-    ]
-
-
 def log_over_time(
     rec: rr.RecordingStream,
     path: str,
@@ -125,7 +107,18 @@ def log_over_time(
             at = np.flatnonzero((each > 0) | np.append(True, each[:-1] > 0))
             each = each[at]
         columns = columns.partition(each)
-    rec.send_columns(path, indexes=time_columns(t_s, at=at), columns=columns)
+    # the two time axes: the number of the frame, from 1 as in the tables, and the time in whole nanoseconds
+    frames = np.arange(len(t_s)) if at is None else at
+    ns = np.round(t_s[frames] * 1e9).astype(np.int64)
+    first, every = _NUMBERS.get()
+    rec.send_columns(
+        path,
+        indexes=[
+            rr.TimeColumn(FRAME, sequence=first + every * frames),
+            rr.TimeColumn(TIME, duration=ns.astype("timedelta64[ns]")),
+        ],
+        columns=columns,
+    )
 
 
 def single(values: Array) -> Single:

@@ -22,7 +22,6 @@ from mocap.rerun.stored import Stored, read_recording, recording_file
 APPLICATION = "mocap-compare"
 COLORS = (palette.SKY_BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE)
 """Of the runs, where they are shown together."""
-_TILES = 2
 
 
 Difference = tuple[tuple[str, ...], Array]
@@ -44,10 +43,24 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
         for number, run in enumerate(stored):
             rec.send_chunks([c.with_entity_path(f"{paths.run(number)}{c.entity_path}".rstrip("/")) for c in run.chunks])
             with numbered_from(run.first):
-                _log_body(rec, number, run)
+                # markers and bones in the colour of the run, for the scene that shows all of them
+                path = paths.together(number)
+                look = rr.Points3D.from_fields(colors=COLORS[number], radii=ui(3.0))
+                log_over_time(rec, f"{path}/markers", run.t_s, rr.Points3D.columns(positions=single(run.xyz_m)), look)
+                if run.bones:
+                    look = rr.LineStrips3D.from_fields(colors=COLORS[number], radii=ui(1.5))
+                    ends = run.xyz_m[:, np.array(run.bones)]  # (T, bones, 2, 3)
+                    there = np.isfinite(ends).all(axis=(-1, -2))
+                    columns = rr.LineStrips3D.columns(strips=segments(ends[there][:, 0], ends[there][:, 1]))
+                    log_over_time(rec, f"{path}/bones", run.t_s, columns, look, counts=there.sum(axis=1))
         with numbered_from(stored[0].first):
             for number, (names, apart) in enumerate(differences, start=1):
-                _log_difference(rec, number, stored[number].name, stored[0].t_s, names, apart)
+                # distances as a map of all markers, and their root mean square over time
+                t_s = stored[0].t_s
+                log_row_map(rec, paths.difference(number), amounts(apart, usual_limit(apart)), names=names, t_s=t_s)
+                log_line(
+                    rec, f"{paths.APART}/{number}", t_s, rms(apart), name=stored[number].name, color=COLORS[number]
+                )
 
 
 def comparison_blueprint(runs: Sequence[Path]) -> rrb.Blueprint:
@@ -102,33 +115,38 @@ def difference_mm(first: Stored, other: Stored) -> Difference:
     return names, apart
 
 
-def _log_body(rec: rr.RecordingStream, number: int, run: Stored) -> None:
-    """Markers and bones in the colour of the run, for the scene that shows all of them."""
-    path = paths.together(number)
-    look = rr.Points3D.from_fields(colors=COLORS[number], radii=ui(3.0))
-    log_over_time(rec, f"{path}/markers", run.t_s, rr.Points3D.columns(positions=single(run.xyz_m)), look)
-    if run.bones:
-        look = rr.LineStrips3D.from_fields(colors=COLORS[number], radii=ui(1.5))
-        ends = run.xyz_m[:, np.array(run.bones)]  # (T, bones, 2, 3)
-        there = np.isfinite(ends).all(axis=(-1, -2))
-        columns = rr.LineStrips3D.columns(strips=segments(ends[there][:, 0], ends[there][:, 1]))
-        log_over_time(rec, f"{path}/bones", run.t_s, columns, look, counts=there.sum(axis=1))
-
-
-def _log_difference(
-    rec: rr.RecordingStream, number: int, name: str, t_s: Array, names: tuple[str, ...], apart: Array
-) -> None:
-    """Distances as a map of all markers, and their root mean square over time."""
-    log_row_map(rec, paths.difference(number), amounts(apart, usual_limit(apart)), names=names, t_s=t_s)
-    log_line(rec, f"{paths.APART}/{number}", t_s, rms(apart), name=name, color=COLORS[number])
-
-
 def compare_blueprint(runs: Sequence[Stored], differences: Sequence[Difference]) -> rrb.Blueprint:
     """Tabs: Together, Side by side, Cameras, Joints, Filter health, Reports; a column a run."""
+    # all bodies in one scene, and how far they are from the first
+    colors = ("blue", "orange", "green", "purple")
+    title = ", ".join(f"{run.name} {color}" for run, color in zip(runs, colors, strict=False))
+    scene = _scene(runs, paths.TOGETHER, f"Scene (m): {title}", [f"{paths.TOGETHER}/**"], (paths.TOGETHER, 0))
+    maps = [
+        row_map_view(paths.difference(i), f"{runs[i].name} from {runs[0].name}: dark 0 to yellow {limit:.3g} mm")
+        for i, limit in enumerate([usual_limit(apart) for _, apart in differences], start=1)
+    ]
+    lines = series_view(paths.APART, f"Distance from {runs[0].name}, rms of all markers (mm)")
+    # the first cameras that all runs have, a row a camera
+    common = [c for c in runs[0].below(paths.CAMERAS) if all(c in run.below(paths.CAMERAS) for run in runs)][:2]
+    rows = []
+    for camera in common:
+        tiles = []
+        for i, run in enumerate(runs):
+            image, root = f"{paths.run(i)}{paths.CAMERAS}/{camera}/image", paths.run(i)
+            contents = ["$origin/**", f"{root}{paths.SKELETON}", f"{root}{paths.MARKERS}/filled"]
+            tile = rrb.Spatial2DView(
+                origin=image,
+                name=f"{run.name}, {camera} (px)",
+                contents=contents,
+                background=palette.GROUND,
+                visual_bounds=_tile_bounds(run, f"{paths.CAMERAS}/{camera}/image/reprojected"),
+            )
+            tiles.append(tile)
+        rows.append(rrb.Horizontal(*tiles))
     tabs = [
-        _together(runs, [usual_limit(apart) for _, apart in differences]),
+        rrb.Horizontal(scene, rrb.Vertical(*maps, lines), column_shares=[3, 2], name="Together"),
         _side_by_side(runs),
-        *_cameras(runs),
+        *([rrb.Vertical(*rows, name="Cameras")] if rows else []),
         *_joints(runs),
         _health(runs),
     ]
@@ -137,19 +155,6 @@ def compare_blueprint(runs: Sequence[Stored], differences: Sequence[Difference])
     ]
     content = rrb.Tabs(*tabs, rrb.Horizontal(*reports, name="Reports"), active_tab=0)
     return screen(content, fps=play_fps(len(runs[0].t_s)))
-
-
-def _together(runs: Sequence[Stored], limits: Sequence[float]) -> rrb.Container:
-    """All bodies in one scene, and how far they are from the first."""
-    colors = ("blue", "orange", "green", "purple")
-    title = ", ".join(f"{run.name} {color}" for run, color in zip(runs, colors, strict=False))
-    scene = _scene(runs, paths.TOGETHER, f"Scene (m): {title}", [f"{paths.TOGETHER}/**"], (paths.TOGETHER, 0))
-    maps = [
-        row_map_view(paths.difference(i), f"{runs[i].name} from {runs[0].name}: dark 0 to yellow {limit:.3g} mm")
-        for i, limit in enumerate(limits, start=1)
-    ]
-    lines = series_view(paths.APART, f"Distance from {runs[0].name}, rms of all markers (mm)")
-    return rrb.Horizontal(scene, rrb.Vertical(*maps, lines), column_shares=[3, 2], name="Together")
 
 
 def _side_by_side(runs: Sequence[Stored]) -> rrb.Container:
@@ -166,27 +171,6 @@ def _side_by_side(runs: Sequence[Stored]) -> rrb.Container:
     return rrb.Horizontal(*columns, name="Side by side")
 
 
-def _cameras(runs: Sequence[Stored]) -> list[rrb.Container]:
-    """The first cameras that all runs have, a row a camera."""
-    common = [c for c in runs[0].below(paths.CAMERAS) if all(c in run.below(paths.CAMERAS) for run in runs)][:_TILES]
-    rows = []
-    for camera in common:
-        tiles = []
-        for i, run in enumerate(runs):
-            image, root = f"{paths.run(i)}{paths.CAMERAS}/{camera}/image", paths.run(i)
-            contents = ["$origin/**", f"{root}{paths.SKELETON}", f"{root}{paths.MARKERS}/filled"]
-            tile = rrb.Spatial2DView(
-                origin=image,
-                name=f"{run.name}, {camera} (px)",
-                contents=contents,
-                background=palette.GROUND,
-                visual_bounds=_tile_bounds(run, f"{paths.CAMERAS}/{camera}/image/reprojected"),
-            )
-            tiles.append(tile)
-        rows.append(rrb.Horizontal(*tiles))
-    return [rrb.Vertical(*rows, name="Cameras")] if rows else []
-
-
 def _joints(runs: Sequence[Stored]) -> list[rrb.Container]:
     """Potentials of the joints that all runs have, from above, and V_z on the way."""
     common = [j for j in runs[0].below(paths.JOINTS) if all(j in run.below(paths.JOINTS) for run in runs)]
@@ -196,11 +180,16 @@ def _joints(runs: Sequence[Stored]) -> list[rrb.Container]:
         for i, run in enumerate(runs):
             root = f"{paths.run(i)}{paths.JOINTS}/{joint}"
             trail = last_frames(trail_length(len(run.t_s)))
+            # the part of a view that holds a map, from where its picture was put
+            path = f"{paths.JOINTS}/{joint}/map/potential"
+            corner, cell = (run.static(path, f"Transform3D:{part}")[0] for part in ("translation", "scale"))
+            shape = run.static(path, "Image:format")[0]
+            ends = [(corner[k], corner[k] + cell[k] * shape[side]) for k, side in enumerate(("width", "height"))]
             heat_map = rrb.Spatial2DView(
                 origin=f"{root}/map",
                 name=f"{run.name}, {joint}: V_z (mm)",
                 background=palette.GROUND,
-                visual_bounds=_map_bounds(run, f"{paths.JOINTS}/{joint}/map/potential"),
+                visual_bounds=rrb.VisualBounds2D(x_range=ends[0], y_range=ends[1]),
                 overrides={f"{root}/map/trail": trail},
             )
             value = series_view(f"{root}/series/potential", f"{run.name}, {joint}: V_z(q(t)) and its bound")
@@ -219,16 +208,7 @@ def _tile_bounds(run: Stored, path: str) -> rrb.VisualBounds2D | None:
     return rrb.VisualBounds2D(x_range=[low[0] - margin, high[0] + margin], y_range=[low[1] - margin, high[1] + margin])
 
 
-def _map_bounds(run: Stored, path: str) -> rrb.VisualBounds2D:
-    """The part of a view that holds a map, from where its picture was put."""
-    corner, cell = (run.static(path, f"Transform3D:{part}")[0] for part in ("translation", "scale"))
-    shape = run.static(path, "Image:format")[0]
-    ends = [(corner[k], corner[k] + cell[k] * shape[side]) for k, side in enumerate(("width", "height"))]
-    return rrb.VisualBounds2D(x_range=ends[0], y_range=ends[1])
-
-
 def _health(runs: Sequence[Stored]) -> rrb.Container:
-    """Innovations and likelihood, a column a run."""
     series = (
         (paths.NIS, "squared prediction error over its expected value (NIS), 95 % band"),
         (paths.LOG_LIKELIHOOD, "log-likelihood (nat)"),
@@ -247,7 +227,6 @@ def _scene(
     contents: Sequence[str],
     trail: tuple[str, int],
 ) -> rrb.View:
-    """A scene that frames the motion of all runs."""
     points = np.concatenate([run.xyz_m.reshape(-1, 3) for run in runs])
     points = points[np.isfinite(points).all(axis=1)]
     low, high = np.quantile(points, (0.005, 0.995), axis=0) if len(points) else np.zeros((2, 3))

@@ -17,9 +17,6 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import IO
 
-GRACE_S = 3.0
-"""What is told to end is killed after so long."""
-
 
 def started(
     command: Sequence[str], *, environment: Mapping[str, str], said: IO[bytes] | int
@@ -61,7 +58,7 @@ def _guard(command: Sequence[str]) -> int:
     def end_child(*_: object) -> None:
         child.terminate()
         try:
-            child.wait(timeout=GRACE_S)
+            child.wait(timeout=3.0)
         except subprocess.TimeoutExpired:
             child.kill()
 

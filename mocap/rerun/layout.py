@@ -18,7 +18,6 @@ Box = tuple[tuple[float, float], tuple[float, float]]
 """(left, top), (right, bottom)."""
 
 _FRAMES = ("limb", "plane", "body", "world")
-_MARGIN = 0.15
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,7 +105,7 @@ def frame_px(camera: ViewCamera, uv_px: Array) -> Box:
     if not len(seen):
         return (0.0, 0.0), (float(width), float(height))
     low, high = np.quantile(seen, (0.005, 0.995), axis=0)
-    half = max(*((0.5 + _MARGIN) * (high - low) / camera.size_px), 0.04) * camera.size_px
+    half = max(*(0.65 * (high - low) / camera.size_px), 0.04) * camera.size_px
     (left, top), (right, bottom) = (low + high) / 2 - half, (low + high) / 2 + half
     return (float(left), float(top)), (float(right), float(bottom))
 

@@ -18,14 +18,21 @@ ELLIPSE_SD = 2.0
 """Half axes of the ellipse of the state, in standard deviations."""
 REACH = 0.35
 """Length of the strongest pulls (99 %), over the radius of the scene."""
-_POINTS = 33
 
 
 def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Each limb's map with its state, and its pulls in the scene."""
     t_s, names = run.t_s, run.names
     for limb in layout.run.limbs:
-        _log_map(rec, f"{paths.child(paths.LIMBS, limb.name)}/map", t_s, limb)
+        # the potential from above, and the state with its ellipse on it
+        path = f"{paths.child(paths.LIMBS, limb.name)}/map"
+        log_picture(rec, f"{path}/potential", limb.x, limb.y, limb.value)
+        way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
+        log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
+        look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0)
+        known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
+        lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * FLIP)))
+        log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=known)
         log_line(
             rec,
             f"{paths.child(paths.LIMBS, limb.name)}/series/value",
@@ -70,20 +77,9 @@ def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
     )
 
 
-def _log_map(rec: rr.RecordingStream, path: str, t_s: Array, limb: HeldLimb) -> None:
-    """The potential from above, and the state with its ellipse on it."""
-    log_picture(rec, f"{path}/potential", limb.x, limb.y, limb.value)
-    way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
-    log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
-    look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0)
-    known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
-    lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * FLIP)))
-    log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=known)
-
-
 def ellipses(limb: HeldLimb) -> Array:
     """(T, P, 2) outlines of ``ELLIPSE_SD`` standard deviations round the state; NaN where it is not known."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _POINTS)
+    angle = np.linspace(0.0, 2.0 * np.pi, 33)
     circle = ELLIPSE_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     known = np.asarray(np.isfinite(limb.cov).all(axis=(1, 2)))
     value, vectors = np.linalg.eigh(np.where(known[:, None, None], limb.cov, np.eye(2)))

@@ -21,8 +21,7 @@ from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
-from mocap.rerun.log_markers import ellipsoids, log_looks
-from mocap.rerun.log_world import log_world
+from mocap.rerun.log_markers import ellipsoids, log_looks, log_world
 from mocap.rerun.record import APPLICATION
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.scene_views import eye, world_view
@@ -32,15 +31,9 @@ from mocap.sides import side_of
 from mocap.skeleton import Skeleton
 
 LIVE = "mocap-live"
-LAG, EVERY = 8, 8
-"""Frames of hindsight that a frame is shown with, and so many come at once: two smoothing steps a frame."""
 WAITING = 256
 """Frames that wait for the viewer at most; what comes while so many wait is dropped."""
-_PAUSE_S = 0.05
-_TRAIL = 40
 _PATIENCE_S = 5.0
-_VAGUE = 0.2
-"""Share of the scene's radius above which an ellipsoid would hide all else, and is not drawn."""
 
 
 class LiveView:
@@ -74,7 +67,11 @@ class LiveView:
         log_looks(rec, len(names))
         sides = [palette.TRAIL[side_of(name)] for name in names]
         rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=sides), static=True)
-        _log_line_looks(rec)
+        for path, name, color in (
+            (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
+            (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
+        ):
+            rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)
         self._frames: queue.Queue[LiveEstimate | None] = queue.Queue(maxsize=WAITING)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
@@ -117,7 +114,7 @@ class LiveView:
             except (RuntimeError, ValueError, OSError) as error:
                 self.trouble = str(error)
             if not last:
-                time.sleep(_PAUSE_S)
+                time.sleep(0.05)
         self._rec.disconnect()
 
     def _send(self, frames: list[LiveEstimate]) -> None:
@@ -136,7 +133,8 @@ class LiveView:
                 paths.child(paths.MARKERS, name), indexes=index, columns=columns.partition(mask.sum(axis=1))
             )
         cov = np.stack([f.cov_m2 for f in frames])
-        known = ~seen & (np.trace(cov, axis1=-2, axis2=-1) < (_VAGUE * scene.radius_m) ** 2)
+        # a larger ellipsoid would hide all else
+        known = ~seen & (np.trace(cov, axis1=-2, axis2=-1) < (0.2 * scene.radius_m) ** 2)
         half_sizes, quaternions = ellipsoids(cov[known] * np.outer(scene.signs, scene.signs))
         columns = rr.Ellipsoids3D.columns(
             centers=xyz[known], half_sizes=single(half_sizes), quaternions=single(quaternions)
@@ -164,7 +162,7 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
         contents=["$origin/**"],
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=look,
-        trail=(paths.TRAILS, _TRAIL),
+        trail=(paths.TRAILS, 40),
     )
     lines = [
         series_view(paths.NIS, "Squared prediction error over its expected value (NIS, expected 1)", legend=False),
@@ -172,14 +170,6 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
     ]
     content = rrb.Horizontal(view, rrb.Vertical(*lines), column_shares=[3, 2])
     return screen(content, play_state=rrb.components.PlayState.Following)
-
-
-def _log_line_looks(rec: rr.RecordingStream) -> None:
-    for path, name, color in (
-        (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
-        (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
-    ):
-        rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +192,8 @@ class Session:
         rec.connect_grpc(self.sink, default_blueprint=live_blueprint(scene))
         first = prepared.place(part)[0].start
         with LiveView(rec, scene, names=part.names, skeleton=prepared.skeleton, first=first) as view:
-            for estimate in live(model, looks(part.observations(), part.t_s), lag=LAG, every=EVERY):
+            # eight frames of hindsight, eight at once: two smoothing steps a frame
+            for estimate in live(model, looks(part.observations(), part.t_s), lag=8, every=8):
                 view.show(estimate)
         dropped = f", {view.dropped} dropped because the viewer was slower" if view.dropped else ""
         trouble = f"; the stream ended early: {view.trouble}" if view.trouble else ""

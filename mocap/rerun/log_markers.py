@@ -1,24 +1,80 @@
-"""Markers in the scene: the body, its samples by where they come from, their uncertainty, their trails."""
+"""The scene: the world, the body, its samples by where they come from, uncertainty, trails, and when each was seen."""
 
 from collections.abc import Mapping
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
+from mocap.filters.anatomy import ends_among
 from mocap.records import MarkerTracks, Status
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import log_over_time, segments, single, ui
-from mocap.rerun.log_world import BODY_CLASS, SAMPLE_CLASS
+from mocap.rerun.row_map import columns_of, log_row_map, row_map_view
 from mocap.rerun.scene import Scene
 from mocap.sides import side_of
+from mocap.skeleton import Skeleton
+
+BODY_CLASS = 1
+"""Class of points that are joined by the skeleton's bones."""
+SAMPLE_CLASS = 2
+"""Class of points that have the same names and no bones."""
+
+_UP = {
+    (0, 1): rr.ViewCoordinates.RIGHT_HAND_X_UP,
+    (0, -1): rr.ViewCoordinates.RIGHT_HAND_X_DOWN,
+    (1, 1): rr.ViewCoordinates.RIGHT_HAND_Y_UP,
+    (1, -1): rr.ViewCoordinates.RIGHT_HAND_Y_DOWN,
+    (2, 1): rr.ViewCoordinates.RIGHT_HAND_Z_UP,
+    (2, -1): rr.ViewCoordinates.RIGHT_HAND_Z_DOWN,
+}
+
+
+def log_world(rec: rr.RecordingStream, scene: Scene, *, names: tuple[str, ...], skeleton: Skeleton) -> None:
+    """Directions, marker names and bones."""
+    axis = int(np.argmax(np.abs(scene.up)))
+    rec.log(paths.WORLD, _UP[axis, int(scene.up[axis])], static=True)
+    points = [rr.AnnotationInfo(id=i, label=name) for i, name in enumerate(names)]
+    body = rr.ClassDescription(
+        info=rr.AnnotationInfo(id=BODY_CLASS, label=skeleton.name, color=palette.GREY),
+        keypoint_annotations=points,
+        keypoint_connections=ends_among(names, [(bone.a, bone.b) for bone in skeleton.bones]),
+    )
+    sample = rr.AnnotationInfo(id=SAMPLE_CLASS, label="sample")
+    samples = rr.ClassDescription(info=sample, keypoint_annotations=points)
+    rec.log("/", rr.AnnotationContext([body, samples]), static=True)
+
+
+def log_axes(rec: rr.RecordingStream, scene: Scene) -> None:
+    """Arrows along the world's axes on the ground under the motion, as long as their labels say: the scale."""
+    length_m = grid_spacing_m(2 * scene.radius_m)
+    foot = scene.centre_m + (scene.ground_m - scene.centre_m @ scene.up) * scene.up
+    unit, per_m = next((unit, n) for unit, n in (("m", 1), ("cm", 100), ("mm", 1000)) if n * length_m >= 1 or n == 1000)
+    size = f"{per_m * length_m:g} {unit}"
+    arrows = rr.Arrows3D(
+        origins=single(np.tile(foot, (3, 1))),
+        vectors=single(length_m * np.diag(scene.signs)),
+        labels=[f"x, {size}", "y", "z"],
+        colors=[palette.VERMILLION, palette.GREEN, palette.SKY_BLUE],
+        radii=rr.components.Radius.ui_points(1.5),
+        show_labels=True,
+    )
+    rec.log(paths.AXES, arrows, static=True)
+
+
+def grid_spacing_m(radius_m: float) -> float:
+    """A round number of which some ten make the diameter: 1, 2 or 5 times a power of ten."""
+    rough = radius_m / 5
+    power = 10.0 ** np.floor(np.log10(rough))
+    return float(power * max(f for f in (1, 2, 5) if f * power <= rough * (1 + 1e-9)))
+
 
 ELLIPSOID_SD = 2.0
 """Half axes of the ellipsoids, in standard deviations."""
 
-_LABELLED_MARKERS = 12
 _RADII = {"measured": 3.5, "filled": 5.0, "rejected": 6.0}
 _FILL_ALPHA = {"measured": 70, "filled": 90, "rejected": 90}
 
@@ -39,7 +95,7 @@ def log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
         radii=ui(1.5),
         class_ids=BODY_CLASS,
         keypoint_ids=np.arange(n_markers),
-        show_labels=n_markers <= _LABELLED_MARKERS,
+        show_labels=n_markers <= 12,
     )
     rec.log(paths.SKELETON, body, static=True)
     for name in paths.ORIGINS:
@@ -128,3 +184,55 @@ def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, 
     strips = segments(xyz[:-1][there], xyz[1:][there])
     columns = rr.LineStrips3D.columns(strips=strips, colors=colors[np.nonzero(there)[1]])
     log_over_time(rec, paths.TRAILS, markers.t_s, columns, counts=there.sum(axis=1), at=np.arange(1, len(xyz)))
+
+
+_STATES = np.array(["", *paths.ORIGINS])
+
+
+def log_gap_map(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
+    """A picture of the class of every sample, a row a marker.
+
+    Where there are more frames than columns, a column shows the last class of ``paths.ORIGINS`` among its frames: one
+    rejected sample or a short gap is not lost.
+    """
+    colors = np.array([palette.GROUND, *(palette.DIM_ORIGIN[name] for name in paths.ORIGINS)], dtype=np.uint8)
+    starts = columns_of(len(markers.t_s))
+    picture = colors[np.maximum.reduceat(class_codes(markers), starts, axis=0).T]
+    log_row_map(rec, paths.GAP_MAP, picture, names=markers.names, t_s=markers.t_s)
+
+
+def log_gaps(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
+    """The lanes: an entry where a marker's class changes; empty where it has no position."""
+    look = rr.StateConfiguration(
+        values=list(paths.ORIGINS),
+        labels=[" ", *paths.ORIGINS[1:]],
+        colors=[palette.DIM_ORIGIN[name] for name in paths.ORIGINS],
+    )
+    states = _STATES[class_codes(markers)]
+    for m, name in enumerate(markers.names):
+        path = paths.child(paths.GAPS, name)
+        at = np.flatnonzero(np.append(True, states[1:, m] != states[:-1, m]))
+        log_over_time(rec, path, markers.t_s, rr.StateChange.columns(state=states[at, m].tolist()), look, at=at)
+
+
+def class_codes(markers: MarkerTracks) -> NDArray[np.int8]:
+    """(T, M) class of each sample: 1 + its index in ``paths.ORIGINS``; 0 where there is no position."""
+    masks = classes(markers)
+    codes = np.zeros(markers.status.shape, dtype=np.int8)
+    for i, name in enumerate(paths.ORIGINS):
+        codes[masks[name]] = i + 1
+    return codes
+
+
+def gap_map_view() -> rrb.View:
+    """Who was seen when, at a glance."""
+    return row_map_view(paths.GAP_MAP, "Gaps over frames: measured blue, filled or extrapolated yellow, rejected red")
+
+
+def gap_lanes_view() -> rrb.View:
+    """When each marker was seen, a lane each."""
+    return rrb.StateTimelineView(
+        origin=paths.GAPS,
+        name="Gaps of each marker (frames)",
+        time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+    )

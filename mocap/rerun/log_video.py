@@ -1,8 +1,10 @@
-"""What the cameras filmed, under what was measured in it: as AV1, which every viewer plays without help."""
+"""What the cameras filmed, under what was measured in it: which films these are, and how every viewer plays them."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,8 +12,12 @@ import rerun as rr
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera
-from mocap.io.movies import FIRST_PIXEL, Movie, pyav, straightened, straightening
-from mocap.pipeline.recording import Footage
+from mocap.errors import MocapError
+from mocap.io.dvproject import read_project
+from mocap.io.format import Hints
+from mocap.io.movies import FIRST_PIXEL, PICTURES, Movie, by_number, open_movie, pyav, straightened, straightening
+from mocap.io.registry import by_name, read_as
+from mocap.pipeline.recording import Footage, Recording
 from mocap.rerun import paths
 from mocap.rerun.columns import log_over_time
 from mocap.rerun.scene import ViewCamera
@@ -19,10 +25,112 @@ from mocap.rerun.scene import ViewCamera
 if TYPE_CHECKING:
     import av
 
-LONGEST_PX = 1280
-"""Longer side of a film that is coded anew; larger ones are scaled down."""
-_SMALLEST_PX = 64
-_KEYFRAME_EVERY = 30
+
+def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
+    """The movies of all cameras, in their order.
+
+    Args:
+        given: A movie or a folder of pictures a camera; or one folder that holds just these, sorted by their names,
+            numbers by their value.
+
+    Raises:
+        MocapError: one of them is no movie.
+    """
+    if len(given) == 1 and given[0].is_dir():
+        inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
+        movies = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES]
+        given = movies or given
+    return tuple(open_movie(path) for path in given)
+
+
+def with_footage(
+    run: Recording, movies: Sequence[Movie], *, offsets: tuple[Array, str], straight: bool = False
+) -> Recording:
+    """The run with its movies; what they show and where they are from is added to its report.
+
+    Args:
+        run: The run.
+        movies: One a camera, in the order of the cameras.
+        offsets: Frames of the movies minus frames of the recording, and where they are from; see ``offsets_of``.
+        straight: Whether the movies are free of distortion already.
+
+    Raises:
+        MocapError: not one movie a camera, or of other sizes than the cameras have.
+    """
+    cameras, n_frames = run.cameras, len(run.t_s)
+    if len(movies) != len(cameras):
+        raise MocapError(
+            f"`video`: {len(movies)} movies ({', '.join(m.path.name for m in movies)}) for {len(cameras)} cameras: "
+            "give one for each camera, in the order of the cameras, or a folder that contains one for each"
+        )
+    offset_frames, source = offsets
+    rows, columns = offset_frames.shape
+    if columns not in (1, len(cameras)) or rows not in (1, n_frames):
+        raise MocapError(
+            f"offsets of movies {source}: {rows} rows of {columns} for {n_frames} frames of {len(cameras)} cameras: "
+            "give `video_offset` once for all cameras, or once for each"
+        )
+    late: Any = run.report.get("late_frames")  # of the cameras' own clocks; the tracks were put in step
+    if late is not None:
+        offset_frames, source = offset_frames - np.array(late), f"{source}, less the lag that was corrected"
+    whole = np.round(np.nan_to_num(offset_frames)).astype(np.int64)
+    shifts = np.broadcast_to(whole, (n_frames, len(cameras)))
+    footage = tuple(
+        Footage(movie=movie, frames=np.arange(n_frames) + shifts[:, c], straight=straight or camera.lens is None)
+        for c, (camera, movie) in enumerate(zip(cameras, movies, strict=True))
+    )
+    sized = tuple(_with_size(camera, f.movie) for camera, f in zip(cameras, footage, strict=True))
+    lines = [_sentence(camera, f, source) for camera, f in zip(cameras, footage, strict=True)]
+    text = "\n".join([run.report_text.rstrip(), "", "## Video", "", *(f"- {line}" for line in lines), ""])
+    return replace(run, cameras=sized, footage=footage, report={**run.report, "video": lines}, report_text=text)
+
+
+def _with_size(camera: Camera, movie: Movie) -> Camera:
+    if camera.size_px is not None and tuple(camera.size_px) != movie.size_px:
+        raise MocapError(
+            f"`video`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]}, but camera {camera.name} is "
+            f"{camera.size_px[0]} x {camera.size_px[1]}: give the movies in the order of the cameras, uncropped"
+        )
+    return replace(camera, size_px=movie.size_px)
+
+
+def _sentence(camera: Camera, footage: Footage, source: str) -> str:
+    offsets = np.unique(footage.frames - np.arange(len(footage.frames)))
+    how = f"{offsets[0]:+d}" if len(offsets) == 1 else f"{offsets[0]:+d} to {offsets[-1]:+d}"
+    there = int(footage.there.sum())
+    missing = "" if there == len(footage.frames) else f"; {len(footage.frames) - there} frames have no picture"
+    lens = "" if camera.lens is None else " taken as free of distortion" if footage.straight else " straightened"
+    return (
+        f"{camera.name}: {footage.movie.path.name}{lens}, {footage.movie.n_frames} frames, frame of the movie = "
+        f"frame of the tracks {how} ({source}){missing}"
+    )
+
+
+def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array, str]:
+    """Frames of the movies minus frames of the tracks, and where that is known from.
+
+    Args:
+        tracks: xypts file or project; None: not known.
+        stated: By the user; None: what the project says, or the file ``*offsets.csv`` beside an xypts file, or 0.
+
+    Returns:
+        (T or 1, C or 1) offsets.
+
+    Raises:
+        MocapError: that file cannot be read.
+    """
+    if stated:
+        return np.array([stated], dtype=np.float64), "as stated"
+    if tracks is None:
+        return np.zeros((1, 1)), "not stated"
+    if tracks.suffix.lower() == ".mat":
+        return read_project(tracks, fps=1.0).offset_frames, "from the project"
+    beside = tracks.with_name(tracks.name.replace("xypts", "offsets"))
+    if beside != tracks and beside.is_file():
+        return read_as(by_name("dltdv-offsets"), beside, Hints()).tables["offset_frames"], f"from {beside.name}"
+    return np.zeros((1, 1)), "not stated"
+
+
 _CODER = {"preset": "11", "crf": "34", "svtav1-params": "pred-struct=1:lp=1:rtc=1"}
 
 
@@ -60,9 +168,9 @@ def log_video(rec: rr.RecordingStream, view: ViewCamera, camera: Camera, footage
 
 
 def coded_size(size_px: tuple[int, int]) -> tuple[int, int]:
-    """Width and height, even and at most ``LONGEST_PX``, in which a movie is coded."""
-    shrink = min(1.0, LONGEST_PX / max(size_px))
-    width, height = (max(2 * round(shrink * n / 2), _SMALLEST_PX) for n in size_px)
+    """Width and height, even and at most 1280, in which a movie is coded."""
+    shrink = min(1.0, 1280 / max(size_px))
+    width, height = (max(2 * round(shrink * n / 2), 64) for n in size_px)
     return width, height
 
 
@@ -73,7 +181,7 @@ def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Itera
     coder.width, coder.height = size_px
     coder.pix_fmt = "yuv420p"
     coder.time_base, coder.framerate = Fraction(1, 30), Fraction(30, 1)
-    coder.gop_size, coder.max_b_frames, coder.options = _KEYFRAME_EVERY, 0, _CODER
+    coder.gop_size, coder.max_b_frames, coder.options = 30, 0, _CODER
     for number, picture in enumerate(pictures):
         picture.pts, picture.time_base = number, coder.time_base
         picture.pict_type = 0  # the coder chooses
@@ -84,7 +192,6 @@ def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Itera
 def _pictures(
     footage: Footage, camera: Camera, size_px: tuple[int, int], *, mirrored: bool
 ) -> "Iterator[av.VideoFrame]":
-    """The pictures to code, one a frame of the recording."""
     library = pyav()
     width, height = size_px
     where = None

@@ -19,12 +19,11 @@ _NAMES = 30.0
 """Room for the names of the rows, left of the picture; longer ones are cut."""
 _LETTERS_PX, _LETTERS = 16, 6.0
 """Pixels of a line of the names' picture, and the most that it takes of the view's height."""
-_COLUMNS = 500
 
 
 def columns_of(n_frames: int) -> NDArray[np.int64]:
     """The first frame of each column: a column a frame, or where there are too many several frames a column."""
-    n_columns = min(n_frames, _COLUMNS)
+    n_columns = min(n_frames, 500)
     return -(-np.arange(n_columns) * n_frames // n_columns)
 
 

@@ -89,7 +89,15 @@ def make_scene(cameras: Sequence[Camera], *, xyz_m: Array, uv_px: Array | None, 
     flip = np.array([1.0, -1.0 if y_up else 1.0])
     turned = [_turned(_facing(c, points), flip, s) for c, s in zip(cameras, sizes, strict=True)]
     poses = [decompose(c) for c in turned]
-    up = _up([-p.rotation[1] for p in poses])
+    # the signed axis nearest to where the cameras' upper image edges point; z where they do not agree
+    directions = [-p.rotation[1] for p in poses]
+    mean = np.mean(directions, axis=0) if directions else np.zeros(3)
+    up = np.zeros(3)
+    if np.linalg.norm(mean) < 0.7:
+        up[2] = 1.0
+    else:
+        axis = int(np.argmax(np.abs(mean)))
+        up[axis] = np.sign(mean[axis])
     signs = np.ones(3)
     if poses and np.mean([p.mirrored for p in poses]) > 0.5:
         signs[0 if up[1] else 1] = -1.0  # an axis that lies on the ground: up stays up
@@ -152,18 +160,6 @@ def _turned(camera: Camera, signs: Array, size_px: Array) -> Camera:
     turn = np.diag([*signs, 1.0])
     turn[:2, 2] = np.where(signs < 0, size_px, 0.0)
     return replace(camera, matrix=turn @ camera.matrix)
-
-
-def _up(directions: Sequence[Array]) -> Array:
-    """The signed axis nearest to where the cameras' upper image edges point; z where they do not agree."""
-    mean = np.mean(directions, axis=0) if directions else np.zeros(3)
-    up = np.zeros(3)
-    if np.linalg.norm(mean) < 0.7:
-        up[2] = 1.0
-    else:
-        axis = int(np.argmax(np.abs(mean)))
-        up[axis] = np.sign(mean[axis])
-    return up
 
 
 def _view_camera(camera: Camera, size_px: Array, signs: Array, *, y_up: bool) -> ViewCamera:

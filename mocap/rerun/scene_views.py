@@ -10,8 +10,7 @@ from eal.arrays import Array
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import FRAME
 from mocap.rerun.layout import Layout
-from mocap.rerun.log_markers import ELLIPSOID_SD
-from mocap.rerun.log_world import grid_spacing_m
+from mocap.rerun.log_markers import ELLIPSOID_SD, grid_spacing_m
 
 WHISKER_SCALE = 10.0
 """Residual whiskers are so many times longer than the residuals, to be seen without zooming in."""

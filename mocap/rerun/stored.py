@@ -111,7 +111,6 @@ def recording_file(path: Path) -> Path:
 
 
 def _static(chunks: tuple[Chunk, ...], entity: str, component: str) -> Any:
-    """The value of a component that does not change."""
     for chunk in chunks:
         if chunk.entity_path == entity and chunk.is_static:
             batch = chunk.to_record_batch()

@@ -12,11 +12,8 @@ from mocap.filters.anatomy import ends_among
 from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton
 
-CM_PER_M = 100.0
 ORDER = "ZXY"
 """Order of the rotations: a child's direction is Rz Rx Ry times its direction at rest."""
-_WEAK = 1e-6
-"""Weight of the parent's rotation where the directions to the children leave a turn about one line open."""
 
 
 def write_bvh(markers: MarkerTracks, skeleton: Skeleton, path: Path) -> None:
@@ -53,7 +50,7 @@ def write_bvh(markers: MarkerTracks, skeleton: Skeleton, path: Path) -> None:
     if not len(runs) or max(stop - start for start, stop in runs) < 2:
         raise MocapError("no two frames in a row have all markers of the bones: BVH cannot leave a joint out")
     start, stop = max(runs, key=lambda run: run[1] - run[0])
-    t_s, x = markers.t_s[start:stop], markers.xyz_m[start:stop] * CM_PER_M
+    t_s, x = markers.t_s[start:stop], markers.xyz_m[start:stop] * 100.0  # centimetres
     children = {node: [c for c, p in parents.items() if p == node] for node in used}
     rest = rest_offsets(x, parents)
     turned = rotations(x, parents, children, rest)
@@ -137,7 +134,8 @@ def rotations(
         else:
             offsets = np.array([rest[c] for c in below])
             now = np.stack([x[:, c] - x[:, node] for c in below], axis=1)
-            moment = np.einsum("tci,cj->tij", now, offsets) + _WEAK * float((offsets**2).sum()) * before
+            # where the directions to the children leave a turn about one line open
+            moment = np.einsum("tci,cj->tij", now, offsets) + 1e-6 * float((offsets**2).sum()) * before
             u, _, vt = np.linalg.svd(moment)
             u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
             out[node] = u @ vt

@@ -21,9 +21,6 @@ from mocap.measures import AXES
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
 
-JOINT_HZ = 30.0
-THIN = 0.03
-"""Radius of a capsule over its segment's length."""
 GRAVITY_M_S2 = 9.81
 
 
@@ -71,7 +68,7 @@ def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
     if not skeleton.trunk:
         raise MocapError(f"{run.name}: its skeleton names no trunk, which the segments of {what} hang on: state one")
     trunk = [names.index(m) for m in skeleton.trunk]
-    axes = body_frames(markers.xyz_m[:, trunk], dt_s=_step(markers.t_s), cutoff_hz=JOINT_HZ)
+    axes = body_frames(markers.xyz_m[:, trunk], dt_s=_step(markers.t_s), cutoff_hz=30.0)
     known = markers.status == Status.MEASURED
     xyz = np.where(known[..., None], markers.xyz_m, np.nan)
     joints = articulation(names, xyz, markers.sd_m, axes.rotation, trunk=skeleton.trunk, bones=skeleton.rigid)
@@ -133,7 +130,7 @@ def _segments(whole: ElementTree.Element, animal: FittedAnimal) -> None:
             name=title,
             type="capsule",
             fromto=numbers([0.0, 0.0, 0.0, *vector]),
-            size=numbers([THIN * joint.length_m]),
+            size=numbers([0.03 * joint.length_m]),
             mass=f"{animal.masses[joint.child]:.9g}",
         )
         ElementTree.SubElement(part, "site", name=plain_name(joint.child), pos=numbers(vector), size="0.001")

@@ -16,9 +16,6 @@ from mocap.pipeline.recording import Recording
 from mocap.results.mjcf import GRAVITY_M_S2, fitted_animal, numbers, plain_name
 
 VERSION = "40500"
-ROD = 1 / 12
-SLIGHT = 1e-3
-"""A rod's inertia about its own axis as a share of that across it: OpenSim wants one."""
 KINDS = {"ball": "BallJoint", "universal": "UniversalJoint", "hinge": "PinJoint", "fixed": "WeldJoint"}
 Element = ElementTree.Element
 
@@ -48,8 +45,9 @@ def osim_text(run: Recording) -> str:
         _marker(markers, name, "trunk", at)
     for joint, at, vector in animal.segments():
         title, mass = plain_name(f"{joint.centre}_{joint.child}"), animal.masses[joint.child]
-        across = np.eye(3) * (vector @ vector) * (1 + SLIGHT) - np.outer(vector, vector)
-        _body(bodies, title, mass, vector / 2, mass * ROD * across)
+        # OpenSim wants some about the rod's own axis
+        across = np.eye(3) * (vector @ vector) * (1 + 1e-3) - np.outer(vector, vector)
+        _body(bodies, title, mass, vector / 2, mass * (1 / 12) * across)  # a thin uniform rod about its centre
         parent = (f"/bodyset/{holders[joint.centre]}", at)
         _joint(joints, KINDS[joint.kind], title, parent, f"/bodyset/{title}", _axes(joint, vector))
         _marker(markers, joint.child, title, vector)

@@ -19,10 +19,6 @@ from mocap.records import MarkerTracks, Status
 from mocap.results.mjcf import plain_name
 
 FILE, TABLE = "scaled.osim", "scale_factors.csv"
-NEAR = 0.02
-"""A marker that is no further from a joint's centre, as a share of the model's extent, belongs to both bodies."""
-LEAST_FRAMES = 5
-"""In which both markers of a pair were measured."""
 
 Places = Mapping[str, Mapping[str, Array]]
 """For each body (3,) places of markers in its frame, m."""
@@ -105,7 +101,7 @@ def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Fa
         for (a, i), (b, j) in combinations(known, 2):
             measured = np.linalg.norm(xyz[:, i] - xyz[:, j], axis=-1)
             length = float(np.linalg.norm(a - b))
-            if np.isfinite(measured).sum() >= LEAST_FRAMES and length > 0:
+            if np.isfinite(measured).sum() >= 5 and length > 0:
                 pairs.append((length, float(np.nanmedian(measured))))
         if pairs:
             found[body] = tuple(np.array(pairs).T)
@@ -143,7 +139,8 @@ def _places(model: Any, state: Any) -> Places:
         if any(body not in out for body, _ in ends):
             continue  # the ground
         for (here, centre), (there, seen_there) in (ends, ends[::-1]):
-            near = [m for m, at in out[here].items() if np.linalg.norm(at - centre) <= NEAR * extent]
+            # markers so near to a joint belong to both bodies
+            near = [m for m, at in out[here].items() if np.linalg.norm(at - centre) <= 0.02 * extent]
             for marker in near:
                 out[there].setdefault(marker, seen_there)
     return out

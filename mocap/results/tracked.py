@@ -348,7 +348,7 @@ class Tracked(Recording):
         Raises:
             MocapError: not one movie a camera, or of another size.
         """
-        from mocap.rerun.footage import offsets_of, open_movies, with_footage
+        from mocap.rerun.log_video import offsets_of, open_movies, with_footage
 
         offsets = offsets_of(self.file, offset_frames)
         opened = [movie for movie in movies if isinstance(movie, Movie)]

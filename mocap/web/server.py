@@ -22,8 +22,6 @@ CONNECTIONS = 256
 """At once, at most: a browser opens six, and Linux lets a process open 1024 files, films among them."""
 ANSWER_S = 60.0
 """An answer that is not read by then is given up: rerun's viewer, 40 MB, at 0.7 MB/s."""
-END_S = 3.0
-"""After so long what still works is left behind: it ends with the process."""
 _BUSY = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 
 
@@ -127,7 +125,7 @@ def served(app: ASGIApp, *, port: int = 0) -> Iterator[Served]:
             yield Served(f"http://{host}/{token}/", thread, parent)
         finally:
             server.should_exit = True
-            thread.join(timeout=END_S)
+            thread.join(timeout=3.0)  # what still works ends with the process
 
 
 @contextmanager

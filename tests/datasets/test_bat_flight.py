@@ -2,7 +2,7 @@
 
 import numpy as np
 from mocap.datasets import make_bat
-from mocap.datasets.bat_flight import laps
+from mocap.datasets.bats import laps
 from scipy.integrate import solve_ivp
 
 GRAVITY_M_S2 = 9.81

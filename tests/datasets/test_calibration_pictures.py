@@ -5,10 +5,17 @@ import json
 import cv2
 import numpy as np
 import pytest
-from mocap.datasets.calibration_session import Board, board_session, photograph, viewfinder, write_board_session
+from mocap.datasets.calibration_session import (
+    Board,
+    board_session,
+    photograph,
+    viewfinder,
+    wand_sweep,
+    write_board_session,
+    write_wand_sweep,
+)
 from mocap.datasets.lizards import SLOPE_RAD
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
-from mocap.datasets.wand import wand_sweep, write_wand_sweep
 
 from mocap.cameras.camera import decompose, record
 from mocap.io.dltdv import read_pixels

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from mocap.datasets import make_lizard
-from mocap.datasets.gait import Gait
+from mocap.datasets.lizards import Gait
 
 JOINTS = {
     "knee": ("hip", "knee", "ankle", "foot"),

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from mocap.datasets import make_bat, make_lizard
-from mocap.datasets.gait import Gait
 from mocap.datasets.linkage import turn
-from mocap.datasets.lizards import SLOPE_RAD
+from mocap.datasets.lizards import SLOPE_RAD, Gait
 
 
 def lengths_m(recording):

@@ -28,6 +28,13 @@ def arcs():
     return {"bat": 4 * z, "lizard": z}
 
 
+@pytest.fixture
+def coarser(monkeypatch):
+    """Steps of RK4 twice as long, which 1/eps^2 up to 1e6 still bears (the limit is 3e6): half the time."""
+    monkeypatch.setattr(sweep, "STEP_S", 2e-4)
+
+
+@pytest.mark.usefixtures("coarser")
 def test_figures_are_written_with_verdicts(arcs, tmp_path):
     """Pictures, tables and verdicts.json for a figure of each kind; nothing half-written stays."""
     lines = []
@@ -48,6 +55,7 @@ def test_figures_are_written_with_verdicts(arcs, tmp_path):
     assert held == {"14a": [True, True, True, False, True], "12": [True], "7": [True, True, True]}
 
 
+@pytest.mark.usefixtures("coarser")
 def test_figure_13_has_the_reference_numbers(tmp_path):
     """Sup |r-1| = 1.84e-5 m, energy drift 9e-8 J (one digit), theta off by 2.4, 0.04, 1.8e-4 rad."""
     verdicts = reproduce(["13"], tmp_path, True)
@@ -104,12 +112,6 @@ def test_figure_8_compares_trials(arcs):
     assert all(v.holds and v.refused for v in found.verdicts)
     same = figure_8(arcs["lizard"], quick=True, flights_deg={"bat": trials(100.0), "lizard": trials(100.0)})
     assert [v.holds for v in same.verdicts[-2:]] == [True, False]
-
-
-@pytest.fixture
-def coarser(monkeypatch):
-    """Steps of RK4 twice as long, which 1/eps^2 up to 1e6 still bears (the limit is 3e6): half the time."""
-    monkeypatch.setattr(sweep, "STEP_S", 2e-4)
 
 
 OTHERS = ("3", "6", "14b", "15a", "15b", "16", "17", "18", "19b", "8")

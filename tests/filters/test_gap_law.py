@@ -7,7 +7,7 @@ from mocap.filters.body_axes import body_frames
 from mocap.filters.models.constant_velocity import learn_constant_velocity
 from mocap.filters.models.pose import PoseSettings, learn_pose
 from mocap.filters.observations import PixelObservations
-from mocap.filters.poses import BODY_HZ, pose_trial
+from mocap.filters.poses import pose_trial
 from mocap.filters.track import smooth
 from scipy.interpolate import CubicSpline
 
@@ -42,7 +42,7 @@ def filled():
         wide_m=0.1,
     )
     trunk = [names.index(m) for m in recording.skeleton.trunk]
-    frames = body_frames(xyz[:, trunk], dt_s=dt_s, cutoff_hz=BODY_HZ)
+    frames = body_frames(xyz[:, trunk], dt_s=dt_s, cutoff_hz=3.0)
     models = {
         "eal": learn_pose([pose_trial(t_s, xyz, frames)], SETTINGS),
         "constant_velocity": learn_constant_velocity(xyz, dt_s=dt_s),

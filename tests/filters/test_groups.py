@@ -62,7 +62,7 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     asked = Asked(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
     whole = smooth_together(model, seen, truth.t_s, asked=asked)
     monkeypatch.setattr("mocap.filters.track.MOST", 30)
-    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
+    monkeypatch.setattr("mocap.filters.groups.MOST", 34)
     found = smooth(model, seen, truth.t_s, asked=asked)
     assert len(found.observed) == T
     assert sorted(found.observed[0].where[:, 1].tolist()) == list(range(34))
@@ -85,7 +85,7 @@ def test_the_process_noise_is_judged_by_groups(bat, monkeypatch):
     whole = likely_noise(model, trials)
     sizes = []
     monkeypatch.setattr("mocap.filters.models.pose.MOST", 30)
-    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
+    monkeypatch.setattr("mocap.filters.groups.MOST", 34)
     monkeypatch.setattr(
         "mocap.filters.models.pose.part_of", lambda of, some: sizes.append(len(some)) or part_of(of, some)
     )

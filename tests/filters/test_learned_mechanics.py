@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.mechanics import linear_shape
-from mocap.filters.models.pose import RIDGE, PoseSettings, learn_pose, recorded_motion
+from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
 from mocap.filters.poses import pose_trial, residual_memory_s, shapes_of
 
 from tests.filters.test_learned_models import DT_S, flapping
@@ -44,7 +44,7 @@ def test_learned_mechanics_carry_a_beat_on(two):
     trials, shapes = two
     motion = recorded_motion(trials, shapes)
     states = np.column_stack([motion.z, motion.rate])
-    learned = linear_shape(motion, ridge=RIDGE)
+    learned = linear_shape(motion, ridge=1e-3)
     transition, shift = learned.flow(DT_S)
     miss, on = [], []
     for frame in range(40, 200, 16):

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from mocap.datasets import make_bat, make_lizard
+from mocap.datasets import PERFECT, make_bat, make_lizard
 
 from mocap.audit import (
     alarms,
@@ -17,7 +17,7 @@ from mocap.audit import (
 )
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.stored import _one_v_row
-from mocap.cameras.camera import Camera, record, stacked, undistorted
+from mocap.cameras.camera import Camera, project, record, stacked, undistorted
 from mocap.cameras.origin import PixelCorner, decide_origin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.records import MarkerTracks, PixelTracks, Status
@@ -190,6 +190,36 @@ def test_a_foreign_camera_is_named():
     rig = (*scene.cameras[:2], moved, scene.cameras[3])
     (found,) = alarms(fit_findings(rig, undistorted(rig, scene.pixels.uv_px)))
     assert (found.kind, found.cameras) == ("foreign camera", ("cam3",))
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """Cameras, exact pixels, and of each camera and marker an error that stays, and one of each click."""
+    bat = make_bat(seed=3, n_frames=120, n_cameras=4, digitiser=PERFECT)
+    uv, rng = project(stacked(bat.cameras), bat.truth.xyz_m), np.random.default_rng(1)
+    return bat.cameras, uv, rng.standard_normal((4, 1, uv.shape[2], 2)), rng.standard_normal(uv.shape)
+
+
+@pytest.mark.parametrize(("stays_px", "clicks_px", "n"), [(8, 0.3, 0), (11, 0.3, 1), (14, 4, 0), (20, 4, 1)])
+def test_rays_that_do_not_meet_are_warned_of(exact, stays_px, clicks_px, n):
+    """Errors that stay leave residuals of 0.86 of them: from 8 px on, and four times what clicks scatter by."""
+    cameras, uv, stays, clicks = exact
+    found = fit_findings(cameras, uv + stays_px * stays + clicks_px * clicks)
+    assert [f.kind for f in found] == ["large residual"] * n
+
+
+@pytest.mark.parametrize(
+    ("clicks_px", "near_px", "far_px", "n"),
+    [(0.1, 2, 3, 0), (0.1, 2, 3.5, 1), (0.05, 0.1, 0.8, 0), (0.05, 0.1, 1.02, 1)],
+)
+def test_cameras_that_miss_by_three_times_as_much_are_named(exact, clicks_px, near_px, far_px, n):
+    """Two cameras of one half of the markers, two of the other: three times, and a pixel."""
+    cameras, uv, stays, clicks = exact
+    uv, half = uv + clicks_px * clicks, uv.shape[2] // 2
+    uv[:2] += near_px * stays[:2]
+    uv[2:] += far_px * stays[2:]
+    uv[:2, :, half:] = uv[2:, :, :half] = np.nan
+    assert [f.kind for f in fit_findings(cameras, uv)] == ["uneven cameras"] * n
 
 
 def test_a_foreign_calibration_is_found():

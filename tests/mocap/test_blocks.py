@@ -1,12 +1,14 @@
 """Long recordings in blocks: the same track as the whole at once, tables of every frame, any range of them."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 from mocap.datasets import make_bat
+from mocap.filters.hidden_gaps import EACH_MARKER, Effort
 from mocap.filters.models.base import FittedMotion
 from mocap.filters.models.constant_velocity import MarkerSettings
 
@@ -19,6 +21,8 @@ from mocap.findings import Finding, over_blocks
 from mocap.io.output import result_folder
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.job import track_part
+from mocap.pipeline.learning import learn_from
 from mocap.pipeline.recording import Recording, of_pixels, of_points
 from mocap.pipeline.tracking import learn_motion, seen_part
 from mocap.records import MarkerTracks, Status, marker_tracks
@@ -304,12 +308,22 @@ def test_rays_in_blocks_of_which_some_show_nothing(tmp_path, monkeypatch):
     assert mocap.load(tmp_path / "out").report["cameras"] == [camera.name for camera in film.cameras]
 
 
-def test_a_mixture_is_learned_once(bat):
+def test_a_mixture_is_learned_once(bat, monkeypatch):
     """Of stretches of the recording; those inside a block are no part of what it is tracked with."""
+    monkeypatch.setattr("mocap.pipeline.blocks.EXCERPTS", 2)
+    monkeypatch.setattr("mocap.pipeline.blocks.EXCERPT", 120)
+    each = partial(learn_from, models=(EACH_MARKER, MarkerSettings()), effort=Effort(validated=1, times=1))
+    monkeypatch.setattr("mocap.pipeline.blocks.learn_from", each)
+    given = []
+    monkeypatch.setattr(
+        "mocap.pipeline.blocks.track_part",
+        lambda *one, **options: given.append(options["learned"]) or track_part(*one, **options),
+    )
     learned, why = learn_excerpts(bat)
-    assert why == "learned from 1 x 400 frames of it"
-    assert [trial.name for trial in learned.trials] == ["frames 1 to 400"]
-    run, cleaned, own, _ = track_block(bat, range(200, 400), learned=learned, excerpts=True)
+    assert why == "learned from 2 x 120 frames of it"
+    assert [trial.name for trial in learned.trials] == ["frames 1 to 120", "frames 581 to 700"]
+    run, cleaned, own, _ = track_block(bat, range(200), learned=learned, excerpts=True)
+    assert [trial.name for trial in given[0].trials] == ["frames 581 to 700"]
     assert run.model == "learned"
     assert own.stop - own.start == 200
     hidden = np.isnan(cleaned.xyz_m[own][..., 0])

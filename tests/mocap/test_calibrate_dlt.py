@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mocap.audit.inspect import inspect
-from mocap.calibration.distinct import distinct
 from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.places import place_camera
 from mocap.calibration.refine import refine_cameras
+from mocap.calibration.scene import distinct
 from mocap.calibration.wand import calibrate_wand
 from mocap.cameras.camera import KnownLens, check_cameras, dlt_camera, project, record, stacked
 from mocap.errors import CalibrationError

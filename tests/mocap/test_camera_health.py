@@ -71,6 +71,15 @@ def test_a_camera_out_of_focus_is_named(twin):
     assert abs(bad.stop - 200) <= 4
 
 
+@pytest.mark.parametrize(("noise_px", "n_frames", "named"), [(1.5, 100, 0), (2.1, 100, 1), (10.0, 3, 0), (10.0, 6, 1)])
+def test_a_camera_is_bad_from_three_times_its_noise_and_for_some_frames(noise_px, n_frames, named):
+    """Beside 0.8 px of its own 1.5 px double the noise, 2.1 px treble it at times; three frames are an accident."""
+    matrices, uv = ideal(make_bat(seed=70, n_frames=300, n_cameras=4))
+    uv = uv.copy()
+    uv[1, 100 : 100 + n_frames] += noise_px * np.random.default_rng(0).standard_normal((n_frames, *uv.shape[2:]))
+    assert [bad.camera for bad in camera_health(matrices, uv).bad] == [1] * named
+
+
 @pytest.mark.parametrize("n_cameras", [3, 8])
 def test_a_camera_that_drops_a_frame_is_named(n_cameras):
     """A camera that shows the frame before from frame 121 on, of a flying bat."""

@@ -6,7 +6,7 @@ from mocap.datasets import PERFECT, make_bat
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, refine
-from mocap.cleaning.click_noise import DOF, student_t
+from mocap.cleaning.click_noise import USUAL_DOF, student_t
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def test_covariance_and_ray_deviations_hold_for_student_errors(scene):
     xyz, uv, matrices = scene
     rng = np.random.default_rng(0)
     scale = 0.5
-    mixing = rng.chisquare(DOF, uv.shape[:-1]) / DOF
+    mixing = rng.chisquare(USUAL_DOF, uv.shape[:-1]) / USUAL_DOF
     noisy = uv + scale * rng.standard_normal(uv.shape) / np.sqrt(mixing)[..., None]
     found, cov, ray_sd, _ = student_t(matrices, noisy, linear(matrices, noisy), sd_px=3 * scale * np.sqrt(2.0))
     error = found - xyz
@@ -39,7 +39,7 @@ def test_covariance_and_ray_deviations_hold_for_student_errors(scene):
     assert np.mean(nees) == pytest.approx(3, rel=0.2)
     least_squares, _ = refine(matrices, noisy, linear(matrices, noisy), sd_px=1.0)
     assert np.sqrt(np.mean(error**2)) < 0.9 * np.sqrt(np.mean((least_squares - xyz) ** 2))
-    smallest = scale * np.sqrt((DOF + 4) / (DOF + 2)) / np.sqrt((DOF + 2) / DOF)
+    smallest = scale * np.sqrt((USUAL_DOF + 4) / (USUAL_DOF + 2)) / np.sqrt((USUAL_DOF + 2) / USUAL_DOF)
     assert ray_sd.min() == pytest.approx(smallest, rel=0.1)  # a ray without residual has weight (nu + 2) / nu
 
 
@@ -54,7 +54,12 @@ def test_the_scale_is_that_of_the_errors_and_not_of_what_points_leave_of_them(sc
     xyz, exact, matrices = scene
     rng = np.random.default_rng(2)
     scale, uv = 0.5, exact[:n_cameras]
-    noisy = uv + scale * rng.standard_normal(uv.shape) / np.sqrt(rng.chisquare(DOF, uv.shape[:-1]) / DOF)[..., None]
+    noisy = (
+        uv
+        + scale
+        * rng.standard_normal(uv.shape)
+        / np.sqrt(rng.chisquare(USUAL_DOF, uv.shape[:-1]) / USUAL_DOF)[..., None]
+    )
     start = linear(matrices[:n_cameras], noisy)
     found, cov, _, spread = student_t(matrices[:n_cameras], noisy, start, sd_px=0.7)
     assert spread[np.isfinite(spread)] == pytest.approx(scale, rel=0.1)

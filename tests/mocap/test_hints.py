@@ -8,11 +8,10 @@ import pandas as pd
 import pytest
 from mocap.datasets import make_bat, write_recording
 
-from mocap.cli.convert import convert
+from mocap.cli.convert import convert, triangulate
 from mocap.cli.info import info
 from mocap.cli.learn import learn
 from mocap.cli.track import track
-from mocap.cli.triangulate import triangulate
 from mocap.io.dltdv import read_points
 
 

@@ -72,6 +72,38 @@ def test_too_few_clicks_teach_nothing(clicked):
     assert likelihood_noise(matrices, uv[:, :1], likelihood[:, :1]) is None
 
 
+@pytest.fixture(scope="module")
+def surer():
+    """Of a share of the clicks of low likelihood by how many of their deviations they are wrong; then what is found."""
+    bat = make_bat(seed=3, n_frames=120, n_cameras=4, digitiser=PERFECT)
+    matrices = stacked(bat.cameras)
+    exact = project(matrices, bat.truth.xyz_m)
+
+    def found(share, off, some=slice(None)):
+        rng = np.random.default_rng(2)
+        uv = exact[:, some] + 0.5 * rng.standard_normal(exact[:, some].shape)
+        low = rng.random(uv.shape[:3]) < 0.15
+        likelihood = np.where(low, rng.uniform(0.2, 0.21, low.shape), 1.0)
+        wrong = low & (rng.random(low.shape) < share)
+        angle = rng.uniform(0, 2 * np.pi, wrong.sum())
+        uv[wrong] += 0.5 * off * np.column_stack([np.cos(angle), np.sin(angle)])
+        return lambda markers: likelihood_noise(matrices, uv[:, :, :markers], likelihood[:, :, :markers])
+
+    return found
+
+
+@pytest.mark.parametrize(("share", "off", "refused"), [(0.3, 50, 0), (0.38, 50, 1), (0.8, 7, 0), (0.8, 8, 1)])
+def test_likelihoods_at_which_a_third_is_wrong_are_refused(surer, share, off, refused):
+    """By six deviations or more, a seventh of which is in the prediction from the other cameras."""
+    assert (surer(share, off)(None).least > 0) == refused
+
+
+def test_eighty_clicks_teach_something(surer):
+    """One frame, four clicks a marker, some of which two surer ones do not predict."""
+    assert surer(0.1, 50, slice(0, 1))(19) is None
+    assert surer(0.1, 50, slice(0, 1))(25) is not None
+
+
 def write_network(folder, bat, uv, likelihood):
     """A file of DeepLabCut a camera, and the calibration."""
     names = bat.skeleton.markers

@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from mocap.cameras.camera import decompose, record
 from mocap.errors import FormatError
-from mocap.io.head import head
-from mocap.io.nearest import nearest
-from mocap.io.registry import FORMATS, identify, read
+from mocap.io.format import head
+from mocap.io.registry import FORMATS, identify, nearest, read
 from mocap.io.together import joined
 from tests.mocap.rigs import cloud, ring
 

@@ -16,7 +16,7 @@ from mocap.cli.track import again
 from mocap.errors import FormatError, OutputError
 from mocap.io import output
 from mocap.io.bounds import limit_windows_memory
-from mocap.io.head import head
+from mocap.io.format import head
 from mocap.io.manifest import MANIFEST, current
 from mocap.io.output import result_folder
 from mocap.pipeline.potentials import JointPotential

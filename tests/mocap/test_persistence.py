@@ -80,6 +80,15 @@ def test_few_frames_tell_nothing(scene):
     np.testing.assert_allclose(1 + share, (1 + UNSEEN) * (1 + 2.0**2))
 
 
+@pytest.mark.parametrize(("markers", "known"), [(28, False), (34, True)])
+def test_thirty_errors_tell_something(scene, markers, known):
+    """Two cameras leave one redundant error of a point, so that four frames show one of each marker, three apart."""
+    _, exact, matrices = scene
+    few = exact[:2, :4, :markers] + np.random.default_rng(5).standard_normal((2, 4, markers, 2))
+    found = persistent_px(matrices[:2], few, linear(matrices[:2], few), relative=np.ones(few.shape[:3]))
+    assert np.isfinite(found).all() == known
+
+
 @pytest.mark.parametrize("frames", [8, 60])
 def test_how_long_errors_last_is_found(scene, frames):
     """Half white, half lasting: exp(-1 / frames) is left a frame later; white errors last no longer than ``LAG``."""

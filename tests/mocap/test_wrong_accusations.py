@@ -15,7 +15,7 @@ from mocap.audit.stored import stored_findings
 from mocap.cameras.camera import dlt_coefficients, record, stacked, undistorted
 from mocap.cameras.triangulate import linear, refine
 from mocap.errors import FormatError
-from mocap.io.describe import summary
+from mocap.io.contents import summary
 from mocap.io.dltdv import write_points
 from mocap.io.format import Hints
 from mocap.io.registry import read

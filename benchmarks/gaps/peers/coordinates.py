@@ -12,7 +12,7 @@ from benchmarks.gaps.method import Estimate, Trial
 from eal.arrays import Array
 
 BODY_HZ = 3.0
-"""Faster motion of the trunk is left to the pose, as in the tracker (``mocap.filters.poses.BODY_HZ``)."""
+"""Faster motion of the trunk is left to the pose, as in the tracker (``mocap.filters.poses.poses_of``)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,6 @@ from mocap.sides import by_side, side_of, words
 SECTIONS = {"wing_beat": ("down", "up"), "stride": ("stance", "swing")}
 """What the first and the second part of a cycle are called."""
 BODY = ("body_speed_m_s", "body_yaw_deg", "body_pitch_deg", "body_roll_deg")
-_COLUMN = 5
-"""More plots take two columns."""
 
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
@@ -32,7 +30,15 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
         for one in quantities:
             _log_quantity(rec, group, one, t_s)
     for (kind, of), lane in _lanes(layout.cycles).items():
-        _log_cycles(rec, paths.cycles(kind, of), lane, t_s)
+        parts = sections(lane)
+        names = [name for _, name in parts if name]
+        labels = [name.split()[0] if name.endswith(("down", "stance")) or " " not in name else " " for name in names]
+        colors = [palette.VERMILLION if name.endswith(("up", "swing")) else palette.GREEN for name in names]
+        look = rr.StateConfiguration(values=names, labels=labels, colors=colors)
+        at = np.clip(np.searchsorted(t_s, [start for start, _ in parts]), 0, len(t_s) - 1)
+        last = {int(frame): name for frame, (_, name) in zip(at, parts, strict=True)}
+        changes = rr.StateChange.columns(state=list(last.values()))
+        log_over_time(rec, paths.cycles(kind, of), t_s, changes, look, at=np.array(list(last), dtype=np.int64))
 
 
 def tab(layout: Layout) -> rrb.Container | None:
@@ -72,7 +78,7 @@ def _plots(group: str, quantities: Sequence[Quantity]) -> rrb.Container:
         )
         for q in quantities
     ]
-    return rows(views, columns=1 if len(views) <= _COLUMN else 2, name=group.capitalize())
+    return rows(views, columns=1 if len(views) <= 5 else 2, name=group.capitalize())
 
 
 def title(q: Quantity) -> str:
@@ -115,15 +121,3 @@ def sections(rows: Sequence[Cycle]) -> list[tuple[float, str]]:
         if i + 1 == len(rows) or rows[i + 1].start_s > row.end_s + 1e-9:
             out.append((row.end_s, ""))
     return out
-
-
-def _log_cycles(rec: rr.RecordingStream, path: str, rows: Sequence[Cycle], t_s: np.ndarray) -> None:
-    parts = sections(rows)
-    names = [name for _, name in parts if name]
-    labels = [name.split()[0] if name.endswith(("down", "stance")) or " " not in name else " " for name in names]
-    colors = [palette.VERMILLION if name.endswith(("up", "swing")) else palette.GREEN for name in names]
-    look = rr.StateConfiguration(values=names, labels=labels, colors=colors)
-    at = np.clip(np.searchsorted(t_s, [start for start, _ in parts]), 0, len(t_s) - 1)
-    last = {int(frame): name for frame, (_, name) in zip(at, parts, strict=True)}
-    changes = rr.StateChange.columns(state=list(last.values()))
-    log_over_time(rec, path, t_s, changes, look, at=np.array(list(last), dtype=np.int64))

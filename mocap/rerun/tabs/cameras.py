@@ -11,8 +11,8 @@ from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import rows
 from mocap.rerun.columns import Single, log_over_time, segments, single, ui
 from mocap.rerun.layout import Layout
+from mocap.rerun.log_markers import SAMPLE_CLASS
 from mocap.rerun.log_video import log_video
-from mocap.rerun.log_world import SAMPLE_CLASS
 from mocap.rerun.scene import Scene, ViewCamera
 from mocap.rerun.scene_views import WHISKER_SCALE, camera_order, camera_view, rig_view
 
@@ -78,7 +78,12 @@ def log_pixels(rec: rr.RecordingStream, scene: Scene, run: Recording) -> None:
         _log_points(rec, run.t_s, camera, "measured", believed)
         _log_points(rec, run.t_s, camera, "reprojected", reprojected)
         _log_points(rec, run.t_s, camera, "rejected", np.where(used, np.float32(np.nan), measured))
-        _log_whiskers(rec, run.t_s, camera, believed, reprojected)
+        path = paths.child(paths.image(camera.name), "residual")
+        there = np.isfinite(believed[..., 0]) & np.isfinite(reprojected[..., 0])
+        start = believed[there]
+        strips = segments(start, start + np.float32(WHISKER_SCALE) * (reprojected[there] - start))
+        look = rr.LineStrips2D.from_fields(colors=palette.ORANGE, radii=ui(1.0), draw_order=35.0, show_labels=False)
+        log_over_time(rec, path, run.t_s, rr.LineStrips2D.columns(strips=strips), look, counts=there.sum(axis=1))
 
 
 def _log_points(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, name: str, uv_px: Single) -> None:
@@ -94,12 +99,3 @@ def _log_points(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, name: s
     else:
         rec.log(path, rr.Points2D.from_fields(keypoint_ids=np.arange(uv_px.shape[1])), static=True)
         log_over_time(rec, path, t_s, rr.Points2D.columns(positions=uv_px), look)
-
-
-def _log_whiskers(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, measured: Single, target: Single) -> None:
-    path = paths.child(paths.image(camera.name), "residual")
-    there = np.isfinite(measured[..., 0]) & np.isfinite(target[..., 0])
-    start = measured[there]
-    strips = segments(start, start + np.float32(WHISKER_SCALE) * (target[there] - start))
-    look = rr.LineStrips2D.from_fields(colors=palette.ORANGE, radii=ui(1.0), draw_order=35.0, show_labels=False)
-    log_over_time(rec, path, t_s, rr.LineStrips2D.columns(strips=strips), look, counts=there.sum(axis=1))

@@ -10,8 +10,8 @@ from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import rows
-from mocap.rerun.gaps import gap_lanes_view, log_gaps
 from mocap.rerun.layout import Layout
+from mocap.rerun.log_markers import gap_lanes_view, log_gaps
 from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view, usual_limit
 from mocap.rerun.series import log_line, robust_range, series_view
 
@@ -21,8 +21,6 @@ _ERRORS = (
     (paths.INNOVATION, paths.INNOVATION_MAP, "By how far the next frame was missed (innovation, rms)"),
     (paths.RESIDUAL, paths.RESIDUAL_MAP, "How far the result is from the clicks (residual, rms)"),
 )
-_LINES = 4
-"""More cameras are rows of a map."""
 
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
@@ -58,7 +56,7 @@ def tab(layout: Layout) -> rrb.Container:
         )
     ]
     for (lines, rows_, what), values in zip(_ERRORS, layout.errors_px, strict=True) if run.cameras else ():
-        if len(run.cameras) <= _LINES:
+        if len(run.cameras) <= 4:  # more cameras are rows of a map
             views.append(series_view(lines, f"{what}, each camera (px)", y_range=robust_range(values)))
         else:
             scale = f"dark 0 to yellow {usual_limit(values):.3g} px"

@@ -6,7 +6,6 @@ import rerun.blueprint as rrb
 
 from eal.arrays import Array
 from mocap.pipeline.recording import Recording
-from mocap.records import JointTracks
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import rows
 from mocap.rerun.columns import Single, log_over_time, single, ui
@@ -21,8 +20,6 @@ from mocap.sides import by_side, words
 COORDINATES = ("q1", "q2", "q3")
 _DECADES = 8
 """Decades of eigenvalues that are drawn."""
-_TABS = 6
-"""More joints are grouped by side."""
 OUTSIDE = "outside its usual range"
 """Said at the ball where it is on no low place of the potential."""
 CHART_SIZE = (160.0, 100.0)
@@ -33,9 +30,17 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Coordinates, potentials in the planes of limbs, and potentials in the body."""
     t_s = run.t_s
     for name, frame in layout.joint_frames.items():
-        _log_coordinates(rec, run.joint_tracks[frame], name)
+        # the coordinates of one joint of the tracks, in millimetres
+        tracks = run.joint_tracks[frame]
+        lines = tracks.q_m[:, tracks.names.index(name)] * MM_PER_M
+        n_lines = lines.shape[1]
+        path = f"{paths.joint(name, 'series')}/coordinates"
+        log_line(rec, path, tracks.t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
     for name, land in layout.landscapes.items():
-        _log_potential(rec, name, t_s, land)
+        _log_surface(rec, paths.joint(name, "surface"), t_s, land)
+        _log_heat_map(rec, paths.joint(name, "map"), t_s, land)
+        _log_energy(rec, paths.joint(name, "series"), t_s, land.path_value, land.energy)
+        _log_spectrum(rec, paths.joint(name, "spectrum"), land)
     for name, cloud in layout.blocks.items():
         _log_volume(rec, name, t_s, cloud)
     log_limbs(rec, run, layout)
@@ -47,7 +52,7 @@ def tab(layout: Layout) -> rrb.Container | None:
         return None
     sides = by_side(layout.landscapes)
     parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
-    if len(sides) > 1 and len(parts) > _TABS:
+    if len(sides) > 1 and len(parts) > 6:  # more are grouped by side
         parts = [
             rrb.Tabs(*(joint(layout, name) for name in names), active_tab=0, name=side.capitalize())
             for side, names in sides.items()
@@ -131,22 +136,6 @@ def _solid_view(layout: Layout, path: str, title: str, look: rrb.EyeControls3D) 
     )
 
 
-def _log_coordinates(rec: rr.RecordingStream, tracks: JointTracks, name: str) -> None:
-    """The coordinates of one joint of the tracks, in millimetres."""
-    lines = tracks.q_m[:, tracks.names.index(name)] * MM_PER_M
-    n_lines = lines.shape[1]
-    path = f"{paths.joint(name, 'series')}/coordinates"
-    log_line(rec, path, tracks.t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
-
-
-def _log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landscape) -> None:
-    """A joint's potential with its samples, its range and preferred configurations, and the joint moving over it."""
-    _log_surface(rec, paths.joint(name, "surface"), t_s, land)
-    _log_heat_map(rec, paths.joint(name, "map"), t_s, land)
-    _log_energy(rec, paths.joint(name, "series"), t_s, land.path_value, land.energy)
-    _log_spectrum(rec, paths.joint(name, "spectrum"), land)
-
-
 def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, energy: JointEnergy) -> None:
     """V_z on the way with the bound of Theorem 3, and the energy that this bound rests on."""
     lines = {"bound": ("bound of a release (Theorem 3)", energy.bound, palette.GREY)}
@@ -222,23 +211,10 @@ def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
 
 
 def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
-    """The potential from above, with what is marked on it."""
     log_picture(rec, f"{path}/potential", land.x_mm, land.y_mm, land.value)
     edge = [line * FLIP for line in land.contour_mm(RANGE)]
     rec.log(f"{path}/range", rr.LineStrips2D(edge, colors=palette.WHITE, radii=ui(1.25), draw_order=15.0), static=True)
-    _log_axes(rec, f"{path}/axes", land)
-    preferred = land.samples_value <= land.preferred
-    dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
-    samples, way = land.samples_mm * FLIP, land.path_mm * FLIP
-    log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
-    outside = land.path_value > RANGE
-    label = rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(1.0), show_labels=True, draw_order=45.0)
-    columns = rr.Points2D.columns(positions=single(way[outside]), labels=[OUTSIDE] * int(outside.sum()))
-    log_over_time(rec, f"{path}/outside", t_s, columns, label, counts=outside)
-
-
-def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
-    """What the edges of the map are, in millimetres."""
+    # what the edges of the map are, in millimetres
     (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
     near, low = x0 + 0.07 * (x1 - x0), -y0 - 0.03 * (y1 - y0)
     ticks = [
@@ -251,7 +227,15 @@ def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
     ]
     places, texts = [(x, y) for x, y, _ in ticks], [text for *_, text in ticks]
     names = rr.Points2D(places, labels=texts, colors=palette.GREY, radii=0.0, show_labels=True, draw_order=40.0)
-    rec.log(path, names, static=True)
+    rec.log(f"{path}/axes", names, static=True)
+    preferred = land.samples_value <= land.preferred
+    dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
+    samples, way = land.samples_mm * FLIP, land.path_mm * FLIP
+    log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
+    outside = land.path_value > RANGE
+    label = rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(1.0), show_labels=True, draw_order=45.0)
+    columns = rr.Points2D.columns(positions=single(way[outside]), labels=[OUTSIDE] * int(outside.sum()))
+    log_over_time(rec, f"{path}/outside", t_s, columns, label, counts=outside)
 
 
 def _log_volume(rec: rr.RecordingStream, name: str, t_s: Array, cloud: Block) -> None:

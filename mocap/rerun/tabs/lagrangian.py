@@ -11,9 +11,6 @@ from mocap.rerun.layout import Layout
 from mocap.rerun.scene_views import scene_view
 from mocap.rerun.series import log_line, robust_range, series_view
 
-_NEAR = 3.0
-"""Bounds of more than so many times the greatest V_z are out of the picture."""
-
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:  # noqa: ARG001 - as every tab
     """Three lines; nothing where no Lagrangian was tracked."""
@@ -43,7 +40,7 @@ def tab(layout: Layout) -> rrb.Container | None:
 def valley_view(layout: Layout) -> rrb.View:
     """V_z and its bound, as far as that is near."""
     _, value, bound = layout.run.data["energies"].values.T
-    near = bound < _NEAR * max(1.0, *value[np.isfinite(value)])
+    near = bound < 3.0 * max(1.0, *value[np.isfinite(value)])  # the rest is out of the picture
     what = ", and what it would stay below if the animal were let go at this instant (Theorem 3, grey)"
     if not near.any():
         known = bound[np.isfinite(bound)]

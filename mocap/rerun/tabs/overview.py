@@ -5,13 +5,18 @@ import rerun.blueprint as rrb
 
 from mocap.pipeline.recording import Recording
 from mocap.rerun.blueprint import rows
-from mocap.rerun.gaps import gap_map_view, log_gap_map
 from mocap.rerun.layout import Layout
-from mocap.rerun.log_markers import log_looks, log_markers, log_trails, log_uncertainty
-from mocap.rerun.log_world import log_axes, log_world
+from mocap.rerun.log_markers import (
+    gap_map_view,
+    log_axes,
+    log_gap_map,
+    log_looks,
+    log_markers,
+    log_trails,
+    log_uncertainty,
+    log_world,
+)
 from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
-
-_TILES = 4
 
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
@@ -30,7 +35,7 @@ def tab(layout: Layout) -> rrb.Container:
     """The scene, the cameras that saw most, and who was seen when."""
     right: list[rrb.Container | rrb.View] = []
     if layout.bounds_px:
-        names = list(layout.bounds_px)[:_TILES]
+        names = list(layout.bounds_px)[:4]
         tiles = [camera_view(layout, name) for name in sorted(names, key=camera_order(layout).index)]
         right.append(rows(tiles, columns=2))
     right.append(gap_map_view())

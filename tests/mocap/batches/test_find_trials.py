@@ -8,7 +8,7 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 
 from mocap.batches.find import find_trials
-from mocap.batches.manifest import read_manifest, write_manifest
+from mocap.batches.trial import read_manifest, write_manifest
 from mocap.errors import FormatError, MocapError
 from mocap.io.csv_table import write_table
 from mocap.io.manifest import MANIFEST

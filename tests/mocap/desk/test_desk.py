@@ -17,9 +17,8 @@ from selenium.webdriver.common.keys import Keys
 
 import mocap
 from mocap.batches.known import Options
-from mocap.batches.manifest import read_manifest, write_manifest
 from mocap.batches.one import track_trial
-from mocap.batches.trial import Trial
+from mocap.batches.trial import Trial, read_manifest, write_manifest
 from mocap.desk.desk import opened_desk
 from mocap.desk.page import desk_page
 from mocap.errors import MocapError

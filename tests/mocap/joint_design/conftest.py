@@ -9,9 +9,12 @@ from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
 from eal import GaussianKernel, fit_potential
+from tests.eal.joint_design.conftest import _hardly_optimised
+
+__all__ = ["_hardly_optimised"]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def potential_file(tmp_path_factory):
     """The potential of a forearm of 40 mm that swings over 80 degrees, as mocap track writes it."""
     rng = np.random.default_rng(5)
@@ -25,7 +28,7 @@ def potential_file(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def designed(potential_file, tmp_path_factory):
     """The folder that ``mocap design-joint`` writes, and its report."""
     from typer.testing import CliRunner

@@ -14,7 +14,7 @@ from mocap.cameras.camera import project, stacked
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
 from mocap.rerun import palette, paths
-from mocap.rerun.gaps import gap_map_view
+from mocap.rerun.log_markers import gap_map_view
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.rerun.row_map import WIDE, row_map_view
 from mocap.rerun.scene_views import camera_view, scene_view

@@ -80,8 +80,10 @@ def test_the_web_viewer_shows_the_markers(browser, recordings):
         viewer.close()
 
 
-def test_what_else_a_folder_holds_stays(recordings, tmp_path):
-    """The page is replaced, other files are not touched; no temporary folder is left."""
+def test_what_else_a_folder_holds_stays(recordings, tmp_path, monkeypatch):
+    """The page is replaced, other files are not touched; no temporary folder is left. It lacks the viewer's program."""
+    page, script, _ = share.fetched_viewer()
+    monkeypatch.setattr(share, "fetched_viewer", lambda: (page, script, b""))
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "notes.txt").write_text("mine")
     write_page([recordings / "flight.rrd"], tmp_path / "site")

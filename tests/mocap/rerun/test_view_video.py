@@ -16,8 +16,7 @@ from mocap.cameras.lens import BrownLens
 from mocap.errors import MocapError
 from mocap.io.movies import FIRST_PIXEL, open_movie
 from mocap.rerun import paths
-from mocap.rerun.footage import offsets_of, open_movies, with_footage
-from mocap.rerun.log_video import coded_size
+from mocap.rerun.log_video import coded_size, offsets_of, open_movies, with_footage
 from mocap.rerun.record import write_recording
 from tests.mocap.rerun.headless import Headless
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from eal.arrays import Array
 from eal.lagrangian import LagrangianSystem
-from eal.needs import jax, jnp
+from eal.optional_jax import jax, jnp
 
 Energy = Callable[..., Any]
 

@@ -18,7 +18,7 @@ from eal.arrays import Array, points, read_only
 from eal.checks import checked_labels, checked_samples
 from eal.fitting import pivoted_cholesky
 from eal.kernels import Kernel
-from eal.plot import POINTS, grid_of, plot_comparison
+from eal.plot import POINTS, axis_labels, grid_of
 from eal.potential import usual_kernel
 
 PERMUTATIONS = 9999
@@ -110,12 +110,56 @@ class Comparison:
         return found
 
     def plot(self, axes: Any = None) -> Any:
-        """Time at each posture in both groups, and their difference with its band; on two matplotlib axes.
+        """Time at each posture in a and in b, and the difference with its band; of two coordinates a map of each.
+
+        Args:
+            axes: Two matplotlib axes, for the groups and for the difference; None: new ones.
+
+        Returns:
+            The axes.
 
         Raises:
             ValueError: it has more than two coordinates.
         """
-        return plot_comparison(self, axes)
+        if len(self.names) > 2:
+            raise ValueError(f"a comparison of {len(self.names)} coordinates has no map: compare one or two of them")
+        from matplotlib import pyplot
+
+        if axes is None and len(self.names) == 1:
+            axes = pyplot.subplots(2, 1, figsize=(6.4, 6.4), sharex=True, layout="constrained")[1]
+        elif axes is None:
+            axes = pyplot.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")[1]
+        above, below = axes
+        labels, percent = axis_labels(self.names, self.units), f"{100 * self.level:.0f} %"
+        difference = self.time_a - self.time_b
+        title = f"a minus b; {'grey' if len(labels) == 1 else 'black'}: {percent} band everywhere at once"
+        if len(labels) == 1:
+            q = self.q[:, 0]
+            for values, name, colour in ((self.time_a, "a", "#0072B2"), (self.time_b, "b", "#D55E00")):
+                above.plot(q, values, color=colour, label=name)
+            above.legend(frameon=False)
+            above.set_ylabel("share of the time near there")
+            below.fill_between(q, -self.band, self.band, color="0.8", linewidth=0)
+            below.plot(q, difference, color="0.2")
+            below.plot(q, np.where(self.differs, difference, np.nan), color="#D55E00", linewidth=3)
+            below.set_ylabel("difference")
+        else:
+            x, y = (self.q[:, j].reshape(len(np.unique(self.q[:, 0])), -1) for j in range(2))
+            shape, most = x.shape, max(float(np.abs(difference).max()), 1e-12)
+            for values, colour in ((self.time_a, "#0072B2"), (self.time_b, "#D55E00")):
+                above.contour(x, y, values.reshape(shape), colors=colour, levels=5)
+            above.set_title("share of the time near there: a blue, b vermillion", fontsize=9)
+            filled = below.contourf(x, y, difference.reshape(shape), levels=np.linspace(-most, most, 21), cmap="RdBu")
+            if self.differs.any():
+                below.contour(x, y, (np.abs(difference) - self.band).reshape(shape), levels=[0.0], colors="black")
+            below.figure.colorbar(filled, ax=below)
+            for one in (above, below):
+                one.set_xlabel(labels[0])
+                one.set_ylabel(labels[1])
+                one.set_aspect("equal")
+        below.set_xlabel(labels[0])
+        below.set_title(title, fontsize=9)
+        return axes
 
 
 def compare(

@@ -15,7 +15,7 @@ from eal.autodiff import generalised_force, mass_matrix
 from eal.integrators import IntegrationError, Trajectory, check_step, rk4_step
 from eal.kernels import GaussianKernel
 from eal.lagrangian import LagrangianSystem, PenalisedModel
-from eal.needs import jax, jnp
+from eal.optional_jax import jax, jnp
 from eal.potential import EmpiricalPotential
 from eal.stack import PotentialStack
 

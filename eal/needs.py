@@ -26,12 +26,3 @@ def needs(what: str, extra: str, *packages: str) -> None:
     absent = [package for package in packages if find_spec(package) is None]
     if absent:
         raise MissingPackageError.of(what, extra, *absent)
-
-
-try:
-    import jax
-    import jax.numpy as jnp
-except ImportError:
-    raise MissingPackageError.of("differentiating energies", "mechanics", "jax") from None
-
-__all__ = ["jax", "jnp"]

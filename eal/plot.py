@@ -9,7 +9,6 @@ import numpy as np
 from eal.arrays import Z95, Array
 
 if TYPE_CHECKING:
-    from eal.comparison import Comparison
     from eal.potential import EmpiricalPotential
 
 POINTS = 160
@@ -49,7 +48,7 @@ def plot_potential(
     ax = pyplot.subplots(figsize=(4.6, 4), layout="constrained")[1] if ax is None else ax
     samples = potential.samples
     grid = grid_of(samples)
-    labels = _labels(potential.names, potential.units) if labels is None else labels
+    labels = axis_labels(potential.names, potential.units) if labels is None else labels
     ax.set_xlabel(labels[0])
     deviation = partial(value_deviation, potential, rng=np.random.default_rng(0))  # the same picture each time
     if potential.dimension == 1:
@@ -82,59 +81,6 @@ def grid_of(samples: Array, *, points: int = POINTS) -> list[Array]:
     return [np.linspace(a - margin, b + margin, points) for a, b in zip(low, high, strict=True)]
 
 
-def _labels(names: Sequence[str], units: Sequence[str]) -> list[str]:
+def axis_labels(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Names of coordinates with their units, where they have one."""
     return [name if unit == "1" else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)]
-
-
-def plot_comparison(found: "Comparison", axes: Any = None) -> Any:
-    """Time at each posture in a and in b, and the difference with its band; of two coordinates a map of each.
-
-    Args:
-        found: Of one or two coordinates, over its own grid.
-        axes: Two matplotlib axes, for the groups and for the difference; None: new ones.
-
-    Returns:
-        The axes.
-
-    Raises:
-        ValueError: it has more coordinates.
-    """
-    if len(found.names) > 2:
-        raise ValueError(f"a comparison of {len(found.names)} coordinates has no map: compare one or two of them")
-    from matplotlib import pyplot
-
-    if axes is None and len(found.names) == 1:
-        axes = pyplot.subplots(2, 1, figsize=(6.4, 6.4), sharex=True, layout="constrained")[1]
-    elif axes is None:
-        axes = pyplot.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")[1]
-    above, below = axes
-    labels, percent = _labels(found.names, found.units), f"{100 * found.level:.0f} %"
-    difference = found.time_a - found.time_b
-    title = f"a minus b; {'grey' if len(labels) == 1 else 'black'}: {percent} band everywhere at once"
-    if len(labels) == 1:
-        q = found.q[:, 0]
-        for values, name, colour in ((found.time_a, "a", "#0072B2"), (found.time_b, "b", "#D55E00")):
-            above.plot(q, values, color=colour, label=name)
-        above.legend(frameon=False)
-        above.set_ylabel("share of the time near there")
-        below.fill_between(q, -found.band, found.band, color="0.8", linewidth=0)
-        below.plot(q, difference, color="0.2")
-        below.plot(q, np.where(found.differs, difference, np.nan), color="#D55E00", linewidth=3)
-        below.set_ylabel("difference")
-    else:
-        x, y = (found.q[:, j].reshape(len(np.unique(found.q[:, 0])), -1) for j in range(2))
-        shape, most = x.shape, max(float(np.abs(difference).max()), 1e-12)
-        for values, colour in ((found.time_a, "#0072B2"), (found.time_b, "#D55E00")):
-            above.contour(x, y, values.reshape(shape), colors=colour, levels=5)
-        above.set_title("share of the time near there: a blue, b vermillion", fontsize=9)
-        filled = below.contourf(x, y, difference.reshape(shape), levels=np.linspace(-most, most, 21), cmap="RdBu")
-        if found.differs.any():
-            below.contour(x, y, (np.abs(difference) - found.band).reshape(shape), levels=[0.0], colors="black")
-        below.figure.colorbar(filled, ax=below)
-        for one in (above, below):
-            one.set_xlabel(labels[0])
-            one.set_ylabel(labels[1])
-            one.set_aspect("equal")
-    below.set_xlabel(labels[0])
-    below.set_title(title, fontsize=9)
-    return axes

@@ -12,7 +12,7 @@ import numpy as np
 from eal.arrays import Array
 from eal.joint_design.laws import Mask
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
-from eal.needs import jax, jnp
+from eal.optional_jax import jax, jnp
 
 TOLERANCE = 1e-9
 """Largest Newton step over the largest rest length, at which an equilibrium counts as found."""

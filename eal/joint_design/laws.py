@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.needs import jax, jnp
+from eal.optional_jax import jax, jnp
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]

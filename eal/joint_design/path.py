@@ -11,7 +11,7 @@ from eal.arrays import Array
 from eal.joint_design.equilibrium import Equilibria, equilibria
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss, truss_energy
-from eal.needs import jax, jnp
+from eal.optional_jax import jax, jnp
 
 FINEST = 1e-7
 """Share of a segment of the path down to which the end of a branch is bracketed."""

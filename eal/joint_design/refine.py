@@ -12,7 +12,7 @@ from eal.joint_design.equilibrium import descend
 from eal.joint_design.laws import pulls, pushes
 from eal.joint_design.target import Limits, Target
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
-from eal.needs import jax, jnp
+from eal.optional_jax import jax, jnp
 
 
 def refine(

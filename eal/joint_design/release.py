@@ -11,7 +11,7 @@ from eal.joint_design.equilibrium import Equilibria, equilibria
 from eal.joint_design.laws import Indices
 from eal.joint_design.truss import Truss, truss_energy
 from eal.lagrangian import AnalyticPenalty, PenalisedModel, Penalty
-from eal.needs import jax, jnp
+from eal.optional_jax import jax, jnp
 from eal.systems import free_joint
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from eal.arrays import Array, read_only
 from eal.joint_design.laws import DesignError, Indices, Law, Mask, energy_and_slope, law_codes, member_energy
-from eal.needs import jnp
+from eal.optional_jax import jnp
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

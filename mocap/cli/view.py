@@ -66,8 +66,7 @@ def detail(runs: list[Path], frames: str, out: Path) -> Path:
     """
     from mocap.errors import MocapError
     from mocap.rerun.record import write_recording
-    from mocap.results.blocks import is_long
-    from mocap.results.long_result import load_range
+    from mocap.results.blocks import is_long, load_range
 
     first, _, last = frames.partition(":")
     if not (first.isdecimal() and last.isdecimal() and 0 < int(first) <= int(last)):

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -19,7 +19,9 @@ from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.recording import Recording
+from mocap.pipeline.tracking import of_tracks
 from mocap.records import MarkerTracks, Status
+from mocap.results.stored import read_recording
 from mocap.results.tables import cycle_tables, write_table
 
 MARKERS, KINEMATICS, BLOCKS = "markers.parquet", "kinematics.parquet", "blocks.csv"
@@ -125,14 +127,17 @@ def is_long(folder: Path) -> bool:
     return (folder / MARKERS).is_file() and (folder / BLOCKS).is_file()
 
 
-def read_markers(folder: Path, frames: range) -> tuple[MarkerTracks, np.ndarray]:
-    """Some frames, from 0, of a result that was written block by block; only the row groups that hold them are read.
+def load_range(folder: Path, frames: range) -> Recording:
+    """All frames of a range, from 0, of a result that was written in blocks; without pixels and velocities.
 
-    Returns:
-        The markers, covariances in single precision, and (T, M) which samples bore another marker's name in the file.
+    Only the row groups that hold them are read; covariances are in single precision.
 
     Raises:
         MocapError: there are no such frames.
-        FormatError: the file cannot be read.
+        FormatError: the files cannot be read.
     """
-    return LongTable(folder / MARKERS).read(slice(frames.start, frames.stop))
+    markers, repaired = LongTable(folder / MARKERS).read(slice(frames.start, frames.stop))
+    whole = read_recording(folder)
+    found = of_tracks(markers, whole.skeleton, name=whole.name, model=whole.model).having(repaired=repaired)
+    parts = {name: getattr(whole, name) for name in ("potentials", "spatial_potentials", "report", "report_text")}
+    return replace(found, folder=folder, **parts)

@@ -1,4 +1,4 @@
-"""Track a long recording in blocks, into a folder; look at any range of its frames."""
+"""Track a long recording in blocks, into a folder."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -21,13 +21,13 @@ from mocap.pipeline.cleaning import with_ideal_pixels
 from mocap.pipeline.job import reported
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import counts, together
-from mocap.pipeline.tracking import of_tracks, still
+from mocap.pipeline.tracking import still
 from mocap.pipeline.variables import with_motion
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
 from mocap.records import Status
-from mocap.results.blocks import BlockWriter, read_markers
-from mocap.results.stored import read_recording, write_arrays
+from mocap.results.blocks import BlockWriter
+from mocap.results.stored import write_arrays
 from mocap.results.tables import write_report
 from mocap.results.tracked import Tracked
 
@@ -168,17 +168,3 @@ def _better(known: tuple[int, Recording] | None, run: Recording) -> tuple[int, R
         return known
     part = run.at(frames)
     return count, replace(part, data=part.data.copy(deep=True))
-
-
-def load_range(folder: Path, frames: range) -> Recording:
-    """All frames of a range of a result that was written in blocks, as a run; without pixels and velocities.
-
-    Raises:
-        MocapError: there are no such frames.
-        FormatError: the files cannot be read.
-    """
-    markers, repaired = read_markers(folder, frames)
-    whole = read_recording(folder)
-    found = of_tracks(markers, whole.skeleton, name=whole.name, model=whole.model).having(repaired=repaired)
-    parts = {name: getattr(whole, name) for name in ("potentials", "spatial_potentials", "report", "report_text")}
-    return replace(found, folder=folder, **parts)

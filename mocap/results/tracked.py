@@ -33,7 +33,7 @@ from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
 from mocap.records import Status
-from mocap.results.blocks import is_long
+from mocap.results.blocks import is_long, load_range
 from mocap.results.dataset import markers_dataset, plane_dataset
 from mocap.results.exports import EXPORTS, TABLES
 from mocap.results.rigid_bodies import write_axes
@@ -444,6 +444,4 @@ def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked
         return Tracked.of(read_recording(folder))
     if not is_long(folder):
         raise MocapError(f"{folder}: was tracked at once: load it without `frames`")
-    from mocap.results.long_result import load_range
-
     return Tracked.of(load_range(folder, frames))

@@ -27,7 +27,8 @@ from mocap.pipeline.recording import Recording, of_pixels, of_points
 from mocap.pipeline.tracking import learn_motion, seen_part
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording
-from mocap.results.long_result import load_range, write_in_blocks
+from mocap.results.blocks import load_range
+from mocap.results.long_result import write_in_blocks
 from mocap.skeleton import Joint, Skeleton
 
 T = 700

@@ -126,8 +126,8 @@ def _other_models(report: Mapping, hidden: int) -> str:
         f"{method(name)} {error:.3g}" for name, error in sorted(errors.items(), key=lambda one: one[1]) if error
     )
     return (
-        f"not measured for {method(report['model']['name'])}: where {number_of(hidden, 'point')} could be hidden, it "
-        f"cannot be used; other methods there: {others} {unit}"
+        f"not measured for {method(report['model']['name'])}: {number_of(hidden, 'point')} could be hidden only where "
+        f"too little is seen for it; other methods there: {others} {unit}"
     )
 
 

@@ -44,7 +44,7 @@ def test_hidden_points_that_only_other_models_filled_are_told():
         "sd_mm": {"filled": {"50%": 1.0}},
     }
     assert error_lines(report) == [
-        "not measured for learned model: where 40 points could be hidden, it cannot be used; other methods there: "
-        "cubic splines 1.54, straight lines 2.72 mm"
+        "not measured for learned model: 40 points could be hidden only where too little is seen for it; other methods "
+        "there: cubic splines 1.54, straight lines 2.72 mm"
     ]
     assert error_lines({**report, "validation": {}}) == ["not measured: no points were hidden"]

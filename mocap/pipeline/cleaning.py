@@ -20,16 +20,15 @@ from mocap.cleaning.click_noise import LEAST_PX, click_noise, student_t
 from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
 from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
-from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, without_edited
+from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
-from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.by_hand import with_hand, without_hand
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.recording import Recording, as_recording
 from mocap.records import MarkerTracks, Plane, Status, marker_tracks
 from mocap.skeleton import Measures, Skeleton
 
@@ -63,9 +62,11 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
             )
         if not points.seen.any():
             raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
-        return _positions(found, points, first)
-    done = _film(with_ideal_pixels(without_hand(recording)), first)
-    return with_hand(done, recording, first=first)
+        done = _positions(found, points, first)
+    else:
+        done = with_hand(_film(with_ideal_pixels(without_hand(recording)), first), recording, first=first)
+    exchanged = np.any(list(exchanged_samples(done.xyz_m.shape[:2], done.swaps).values()), axis=0)
+    return done.having(repaired=np.where(done.edited, 2, exchanged).astype(np.int8))
 
 
 def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, find_unit: bool = True) -> Recording:

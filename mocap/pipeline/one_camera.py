@@ -16,7 +16,6 @@ from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.kinematics.points import asked_for
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
@@ -103,9 +102,12 @@ def track_one_camera(
     prior = learn_prior(trials, trunk)
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
     views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
-    asked = asked_for(names, skeleton, n_frames=len(t_s))
     found = track_views(
-        prior, views, doubt=partial(left_out, prior, trials, trunk), asked=asked_of(own, asked), progress=progress
+        prior,
+        views,
+        doubt=partial(left_out, prior, trials, trunk),
+        asked=asked_of(own, source.asked),
+        progress=progress,
     )
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
     found = replace(found, estimate=replace(found.estimate, xyz_m=believed))
@@ -139,6 +141,7 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
         ray_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
         most_speed=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
+        repaired=2 * film.edited.astype(np.int8),
     )
     told = sentences.one_camera(
         other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from os import PathLike
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import xarray as xr
@@ -24,11 +25,12 @@ from mocap.cleaning.swaps import Swap
 from mocap.errors import MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.filters.records import HeldLimb
-from mocap.filters.velocities import Motion
+from mocap.filters.velocities import Asked, Motion
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
 from mocap.io.movies import Movie
 from mocap.kinematics.compute import kinematics
+from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.variables import (
@@ -410,6 +412,11 @@ class Recording:
         none = np.zeros((sizes.get("view", 0), sizes["time"], sizes["keypoint"]), dtype=bool)
         return self.data["by_hand"].values if "by_hand" in self.data else none
 
+    @cached_property
+    def asked(self) -> Asked:
+        """The points and pairs of points whose velocities and covariances its kinematics need."""
+        return asked_for(self.names, self.skeleton, n_frames=len(self.t_s))
+
     def having(self, *, rejected: Mapping[str, NDArray[np.bool_]] | None = None, **values: Values) -> "Recording":
         """The same with some variables, new or in place of others (``mocap.pipeline.variables``).
 
@@ -537,3 +544,20 @@ def of_pixels(
     known = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
     data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
     return Recording(name=name, data=data, skeleton=known, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
+
+
+def as_recording(given: Any, verb: str) -> Recording:
+    """What a verb takes.
+
+    Raises:
+        MocapError: it is no recording; the message says how to make one of what came.
+    """
+    if isinstance(given, Recording):
+        return given
+    if isinstance(given, str | PathLike):
+        how = f"read the file first: mocap.{verb}(mocap.read({str(given)!r}, ...))"
+    elif type(given).__name__ in ("ndarray", "DataFrame", "Dataset", "DataArray"):
+        how = f"make one of it first: mocap.{verb}(mocap.from_arrays(...))"
+    else:
+        how = "mocap.read and mocap.from_arrays give one"
+    raise MocapError(f"mocap.{verb} takes a recording, not {type(given).__name__}: {how}")

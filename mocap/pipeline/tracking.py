@@ -11,7 +11,6 @@ from eal.arrays import Array
 from eal.over_time import at_frames
 from mocap.cameras.camera import project
 from mocap.cleaning.bias import lasting_share
-from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
@@ -24,7 +23,6 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked, Motion, without_rates
 from mocap.joints import joint_tracks
-from mocap.kinematics.points import asked_for
 from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.sentences import TOGETHER
 from mocap.pipeline.variables import with_joints, with_limbs, with_motion, with_variables
@@ -180,7 +178,6 @@ def with_track(
     rays = {}
     if recording.cameras:
         rays = {"innovation": innovation, "used": used, "reprojected": project(recording.matrices, xyz)}
-    exchanged = np.any(list(exchanged_samples((n_frames, n_markers), recording.swaps).values()), axis=0)
     found = recording.having(
         position=xyz,
         covariance=cov,
@@ -188,12 +185,10 @@ def with_track(
         nis=nis,
         n_rows=rows_used,
         log_likelihood=likelihood,
-        repaired=np.where(recording.edited, 2, exchanged).astype(np.int8),
         **rays,
     )
-    asked = asked_for(recording.names, recording.skeleton, n_frames=n_frames)
     left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
-    motion = motion_of(found.tracks, frames, smoothed.rates, asked, left_m_s=left)
+    motion = motion_of(found.tracks, frames, smoothed.rates, recording.asked, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
     data = with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up))
     if recording.skeleton.joints:

@@ -88,7 +88,7 @@ VARIABLES: Mapping[str, Variable] = {
     "n_rows": Variable(("time",), "", "track", "scalar observations used in each frame", codes(2**31)),
     "log_likelihood": Variable(("time",), "", "track", "log density of a frame's observations given those before"),
     "repaired": Variable(
-        SAMPLE, "", "track", "1: bore another marker's name in the file, 2: corrected by a person", codes(2)
+        SAMPLE, "", "clean", "1: bore another marker's name in the file, 2: corrected by a person", codes(2)
     ),
     "point_position": Variable((*POINT, "space"), "m", "track", "of markers, of the body and the centre of mass"),
     "velocity": Variable((*POINT, "space"), "m/s", "track", "of the same points"),

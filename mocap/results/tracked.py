@@ -19,15 +19,13 @@ from mocap.io.movies import Movie
 from mocap.io.output import result_file, result_folder
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
 from mocap.kinematics.moments import moments
-from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.measures import JointAxes
-from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.recording import Recording, as_recording
 from mocap.pipeline.variables import with_motion
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
@@ -322,8 +320,8 @@ class Tracked(Recording):
             SkeletonError: it uses a marker that the recording lacks.
         """
         checked = skeleton.for_markers(self.names, source=self.name)
-        asked = asked_for(self.names, checked, n_frames=len(self.t_s))
-        return replace(self, skeleton=checked, data=with_motion(self.data, with_means(self.motion, asked)))
+        found = replace(self, skeleton=checked)
+        return replace(found, data=with_motion(self.data, with_means(self.motion, found.asked)))
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from eal.arrays import Array, frozen
 from mocap.cameras.lens import BrownLens, Lens
+from mocap.cameras.triangulate import project
 from mocap.errors import CalibrationError
 
 FLATTEST = 1e-10
@@ -191,23 +192,6 @@ def stacked(cameras: Sequence[Camera]) -> Array:
     """(C, 3, 4) projections, each scaled so that its third row's normal has length 1."""
     matrices = np.stack([c.matrix for c in cameras])
     return matrices / np.linalg.norm(matrices[:, 2, :3], axis=1)[:, None, None]
-
-
-def project(matrices: Array, xyz_m: Array) -> Array:
-    """Ideal pixels of world points in every camera.
-
-    Args:
-        matrices: (C, 3, 4) projections.
-        xyz_m: (..., 3) points in metres.
-
-    Returns:
-        (C, ..., 2) pixels; NaN where the point is NaN.
-    """
-    # numerator and denominator as one matrix product over all points and cameras
-    flat = xyz_m.reshape(-1, 3)
-    homogeneous = matrices[:, :, :3] @ flat.T + matrices[:, :, 3:]
-    uv = homogeneous[:, :2] / homogeneous[:, 2:]
-    return np.moveaxis(uv, 1, -1).reshape(len(matrices), *xyz_m.shape[:-1], 2)
 
 
 def record(cameras: Sequence[Camera], xyz_m: Array) -> Array:

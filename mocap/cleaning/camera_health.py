@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from eal.arrays import Array, true_runs
-from mocap.cameras.normal_equations import Fit, Linearised, fit, linearise
-from mocap.cameras.triangulate import linear
+from mocap.cameras.triangulate import Fit, Linearised, fit, linear, linearise
 from mocap.cleaning.click_noise import USUAL_DOF
 
 BAD, WORSE = 3.0, 2.0
@@ -57,7 +56,7 @@ class CameraHealth:
     Attributes:
         factor: (C, T) 1 or more, by which the deviations of rays are to be multiplied.
         level_px: (C, T) standard deviation of a pixel coordinate; NaN where too few points are seen to tell.
-        bad: Runs of frames that ``factor`` exceeds 1 in.
+        bad: Runs of frames in which a camera was bad; elsewhere ``factor`` is 1.
         known: Whether enough points are seen by three cameras to tell cameras apart.
     """
 
@@ -92,12 +91,8 @@ def camera_health(matrices: Array, uv_px: Array) -> CameraHealth:
     miss = np.full(shape, np.nan)
     miss[:, many] = np.sqrt(2 * np.sum(found.residual**2, axis=-1) / np.maximum(found.redundancy, 1e-9))
     miss[:, many] = np.where(found.redundancy > 0.1, miss[:, many], np.nan)
-    factor, good = _factors(level, miss, seen)
-    bad = [
-        _bad_time(camera, run, level, float(good[camera]), found, frame)
-        for camera in range(shape[0])
-        for run in true_runs(factor[camera] > 1.0)
-    ]
+    factor, good, runs = _factors(level, miss, seen)
+    bad = [_bad_time(camera, run, level, float(good[camera]), found, frame) for camera, run in runs]
     return CameraHealth(factor=factor, level_px=level, bad=tuple(bad), known=True)
 
 
@@ -155,8 +150,10 @@ def _filled(values: Array) -> Array:
     return np.asarray(out, dtype=np.float64)
 
 
-def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """(C, T) factors, 1 but for runs in which a camera is bad, and (C,) its good level.
+def _factors(
+    level: Array, miss_px: Array, seen: NDArray[np.bool_]
+) -> tuple[Array, Array, list[tuple[int, tuple[int, int]]]]:
+    """(C, T) factors, 1 but for runs in which a camera is bad, (C,) its good level, and the runs, each by its camera.
 
     The good level is the lower quartile of its own, but no more than twice the median camera's. What all cameras suffer
     at once is no camera's fault, and what comes and goes slowly is its calibration's, which errs by place: the animal
@@ -167,27 +164,23 @@ def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Arr
     good = np.minimum(own, 2 * np.nanmedian(own))
     shared = np.maximum(np.nan_to_num(_others(level / own[:, None]), nan=1.0), 1.0)
     relative = level / good[:, None] / shared
-    factor = np.ones(level.shape)
+    factor, bad = np.ones(level.shape), list[tuple[int, tuple[int, int]]]()
     for camera, row in enumerate(relative):
         known = np.isfinite(row)
         if not known.any():
             continue
-        for start, stop in true_runs(_closed(_filled(row[None])[0] > WORSE)):
+        all_over, miss = _filled(row[None])[0], miss_px[camera]
+        runs = list[tuple[int, int]]()
+        for start, stop in true_runs(all_over > WORSE):  # without gaps of up to twice the shortest
+            joins = bool(runs) and start - runs[-1][1] <= 2 * SHORTEST
+            runs = [*runs[:-1], (runs[-1][0], stop)] if joins else [*runs, (start, stop)]
+        for start, stop in runs:
             inside = row[start:stop][known[start:stop]]
-            miss = miss_px[camera]
             sudden = max(_step(miss, seen, start), _step(miss[::-1], seen[:, ::-1], len(row) - stop))
             if np.count_nonzero(inside > BAD) >= SHORTEST and sudden > WORSE:
-                factor[camera, start:stop] = np.maximum(_filled(row[None])[0, start:stop], 1.0)
-    return factor, good
-
-
-def _closed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A mask without gaps of up to twice ``SHORTEST`` frames."""
-    out = mask.copy()
-    for start, stop in true_runs(~mask):
-        if start > 0 and stop < len(mask) and stop - start <= 2 * SHORTEST:
-            out[start:stop] = True
-    return out
+                factor[camera, start:stop] = np.maximum(all_over[start:stop], 1.0)
+                bad.append((camera, (start, stop)))
+    return factor, good, bad
 
 
 def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:

@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cameras.camera import project
-from mocap.cameras.normal_equations import linearise
-from mocap.cameras.triangulate import linear, refine
+from mocap.cameras.triangulate import linear, linearise, project, refine
 
 Mask = NDArray[np.bool_]
 

@@ -173,19 +173,6 @@ def _decided_apart(
         raise
 
 
-def by_pixels(recording: Recording, relative: Array | float = 1.0) -> tuple[float, float | None]:
-    """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
-
-    Args:
-        recording: With ideal pixels; where nobody states a deviation, ``triangulate.robust`` finds its own (None).
-        relative: Deviations of rays relative to it, broadcastable to (C, T, M).
-    """
-    if recording.pixel_sd is None:
-        return np.nan, None
-    shown = triangulate.apparent_sd(recording.matrices, recording.ideal_px, relative=np.asarray(relative))
-    return shown, max(recording.pixel_sd, shown)
-
-
 def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
     beside, pixels = recording.stored, recording.pixels
@@ -248,8 +235,8 @@ def _film(recording: Recording, first: int) -> Recording:
     health = camera_health(film.matrices, film.ideal_px)
     worse = health.factor[..., None] * relative
     film = film.having(ideal=shifted_back(film.ideal_px, health))
-    shown, gate = by_pixels(film, worse)
-    found = triangulate.robust(film.matrices, film.ideal_px, sd_px=gate, relative=worse)
+    found = triangulate.robust(film.matrices, film.ideal_px, least_px=film.pixel_sd, relative=worse)
+    shown = found.shown_px
     film, found, swaps, doubtful, ambiguous, worse = _names_put_right(film, found, skeleton, names, worse)
     matrices, ideal = film.matrices, film.ideal_px
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)

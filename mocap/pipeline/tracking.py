@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from eal.over_time import at_frames
-from mocap.cameras.camera import project
+from mocap.cameras.triangulate import project
 from mocap.cleaning.bias import lasting_share
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames

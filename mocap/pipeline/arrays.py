@@ -20,8 +20,7 @@ from mocap.io.movement import of_dataset
 from mocap.io.optical import metres, rate_of_times
 from mocap.io.plausible import plausible
 from mocap.pipeline.reading import animal, calibration_of, check_rig, complete
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.variables import dataset_of
+from mocap.pipeline.recording import Recording, dataset_of
 from mocap.skeleton import Skeleton
 
 TIMES = ("t_s", "time", "time_s")

@@ -23,9 +23,8 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import track_part
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.reading import animal
-from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.recording import Recording, dataset, of_points
 from mocap.pipeline.tracking import motion_of, of_tracks, seen_part, why_no_pose
-from mocap.pipeline.variables import dataset, with_motion
 from mocap.progress import Stages
 from mocap.records import Status, marker_tracks
 from mocap.text import as_text
@@ -170,7 +169,7 @@ def track_block(
     if not cleaned.cleaned or not np.isfinite(cleaned.xyz_m[..., 0]).any():
         nowhere = marker_tracks(part.names, part.t_s, np.full((*seen.shape[-2:], 3), np.nan))
         empty = of_tracks(nowhere, part.skeleton, name=part.name, model=model)
-        empty = replace(empty, data=with_motion(empty.data, motion_of(nowhere, slice(0, 0), None, part.asked)))
+        empty = empty.with_motion(motion_of(nowhere, slice(0, 0), None, part.asked))
         return empty, replace(empty, findings=cleaned.findings), own, {}
     posed = why_no_pose(seen_part(cleaned)) is None
     if not posed and NAMED[model].posed:

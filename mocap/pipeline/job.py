@@ -194,14 +194,14 @@ def reported(
         stages: Timer and progress.
         whole: Counts of the long recording of which these are some frames; None: they are all.
     """
-    markers, joints, skeleton = tracked.tracks, tracked.joint_tracks, recording.skeleton
+    markers, skeleton = tracked.tracks, recording.skeleton
     with stages.stage("joints and potentials"):
         seen_m = np.where(np.isfinite(recording.xyz_m[..., :1]), markers.xyz_m, np.nan)
         build = {"trunk": skeleton.trunk, "bones": skeleton.rigid}
         axes = whole_frames(recording).rotation
         joined = articulation(recording.names, seen_m, markers.sd_m, axes, **build)
         planar, spatial = (
-            joint_potentials(joints[frame], markers, skeleton) if joints else {} for frame in (FRAME, SPACE)
+            joint_potentials(tracked.joints_m(frame), frame, markers, skeleton) for frame in (FRAME, SPACE)
         )
     report = make_report(
         recording,

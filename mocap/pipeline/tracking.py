@@ -22,10 +22,9 @@ from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked, Motion, without_rates
-from mocap.joints import joint_tracks
-from mocap.pipeline.recording import Recording, of_points
+from mocap.joints import joint_variables
+from mocap.pipeline.recording import Recording, of_points, with_limbs
 from mocap.pipeline.sentences import TOGETHER
-from mocap.pipeline.variables import with_joints, with_limbs, with_motion, with_variables
 from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
@@ -190,23 +189,30 @@ def with_track(
     left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
     motion = motion_of(found.tracks, frames, smoothed.rates, recording.asked, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
-    data = with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up))
-    if recording.skeleton.joints:
-        data = with_joints(data, joint_tracks(found.tracks, recording.skeleton, whole_frames(recording)))
+    found = _with_joints(found.with_motion(motion), whole_frames(recording))
+    found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(y_up)))
     index = np.arange(n_frames) - frames.start
     index[(index < 0) | (index >= len(part.t_s))] = -1
-    data = with_limbs(data, [at_frames(limb, index) for limb in smoothed.held])
+    found = replace(found, data=with_limbs(found.data, [at_frames(limb, index) for limb in smoothed.held]))
     if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
-        return replace(found, data=data)
+        return found
     angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
     angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
-    values = {name: np.full((n_frames, of.shape[1]), np.nan) for name, of in angles.items()}
+    values: dict[str, Any] = {name: np.full((n_frames, of.shape[1]), np.nan) for name, of in angles.items()}
     for name, of in angles.items():
         values[name][frames] = of
     values |= {"segment_length": own.motion.length_m, "segment_length_sd": own.motion.length_sd_m}
     ends = [(part.names[int(a)], part.names[int(b)]) for a, b in own.motion.ends]
     names = angle_names(ends, np.bincount(own.motion.tree.joint, minlength=len(ends)).tolist())
-    return replace(found, data=with_variables(data, values, angle=names, segment=[f"{a} to {b}" for a, b in ends]))
+    return found.having({"angle": names, "segment": [f"{a} to {b}" for a, b in ends]}, **values)
+
+
+def _with_joints(recording: Recording, frames: BodyFrames) -> Recording:
+    """The recording with its joints, where its skeleton has some."""
+    if not recording.skeleton.joints:
+        return recording
+    values: dict[str, Any] = joint_variables(recording.tracks, recording.skeleton, frames)
+    return recording.having({"joint": [joint.name for joint in recording.skeleton.joints]}, **values)
 
 
 def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: str) -> Recording:
@@ -219,8 +225,8 @@ def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: st
         repaired=np.zeros(markers.status.shape, dtype=np.int8),
     )
     axes = BodyFrames(rotation=np.repeat(np.eye(3)[None], n_frames, axis=0), position_m=np.zeros((n_frames, 3)))
-    joints = joint_tracks(markers, skeleton, whole_frames(found) if markers.seen.any() else axes)
-    return replace(found, data=with_joints(with_motion(found.data, still(markers)), joints).assign_attrs(model=model))
+    found = _with_joints(found.with_motion(still(markers)), whole_frames(found) if markers.seen.any() else axes)
+    return replace(found, data=found.data.assign_attrs(model=model))
 
 
 def still(markers: MarkerTracks) -> Motion:

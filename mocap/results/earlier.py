@@ -10,7 +10,7 @@ from mocap.documents import from_json
 from mocap.errors import FormatError
 from mocap.filters.records import HeldLimb
 from mocap.io.netcdf import read_netcdf
-from mocap.pipeline.variables import with_limbs
+from mocap.pipeline.recording import with_limbs
 
 EARLIER, MOTION, FORMAT = "run.nc", "motion.nc", "eal-mocap run 2"
 _POINTS = {"position": "point_position", "covariance": "point_covariance", "two": "end"}

@@ -17,6 +17,7 @@ from mocap.errors import MocapError
 from mocap.filters.velocities import with_means
 from mocap.io.movies import Movie
 from mocap.io.output import result_file, result_folder
+from mocap.joints import FRAMES
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
 from mocap.kinematics.moments import moments
 from mocap.kinematics.records import Kinematics
@@ -26,7 +27,6 @@ from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording, as_recording
-from mocap.pipeline.variables import with_motion
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
@@ -137,17 +137,15 @@ class Tracked(Recording):
         return moments(self.motion, self.skeleton, steps=self.footfalls, recording=self.name)
 
     def _joint(self, name: str) -> Joint:
-        markers, world = self.tracks, next(iter(self.joint_tracks.values()))
-        i = world.names.index(name)
+        markers, q_m = self.tracks, {frame: self.joints_m(frame)[name] for frame in FRAMES}
         joint = next(j for j in self.skeleton.joints if j.name == name)
         three = [markers.names.index(m) for m in (joint.parent, joint.centre, joint.child)]
-        there = np.isfinite(world.q_m[:, i, 0])
         return Joint(
             name=name,
-            t_s=world.t_s,
-            q_m={frame: tracks.q_m[:, i] for frame, tracks in self.joint_tracks.items()},
-            sd_m=world.sd_m[:, i],
-            filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
+            t_s=self.t_s,
+            q_m=q_m,
+            sd_m=self.data["joint_sd"].sel(joint=name).values,
+            filled=np.isfinite(q_m["world"][:, 0]) & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
     def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential:
@@ -321,7 +319,7 @@ class Tracked(Recording):
         """
         checked = skeleton.for_markers(self.names, source=self.name)
         found = replace(self, skeleton=checked)
-        return replace(found, data=with_motion(self.data, with_means(self.motion, found.asked)))
+        return Tracked.of(found.with_motion(with_means(self.motion, found.asked)))
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""

@@ -31,11 +31,10 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     t_s = run.t_s
     for name, frame in layout.joint_frames.items():
         # the coordinates of one joint of the tracks, in millimetres
-        tracks = run.joint_tracks[frame]
-        lines = tracks.q_m[:, tracks.names.index(name)] * MM_PER_M
+        lines = run.joints_m(frame)[name] * MM_PER_M
         n_lines = lines.shape[1]
         path = f"{paths.joint(name, 'series')}/coordinates"
-        log_line(rec, path, tracks.t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
+        log_line(rec, path, t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
     for name, land in layout.landscapes.items():
         _log_surface(rec, paths.joint(name, "surface"), t_s, land)
         _log_heat_map(rec, paths.joint(name, "map"), t_s, land)

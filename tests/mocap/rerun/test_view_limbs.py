@@ -10,7 +10,7 @@ from mocap.filters.records import HeldLimb
 from readback import column, entities
 from vulkan import need_vulkan
 
-from mocap.pipeline.variables import with_limbs
+from mocap.pipeline.recording import with_limbs
 from mocap.rerun import palette, paths
 from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
 from mocap.rerun.record import make_layout, recording_id, write_recording

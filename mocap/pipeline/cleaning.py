@@ -64,7 +64,8 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
             raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
         done = _positions(found, points, first)
     else:
-        done = with_hand(_film(with_ideal_pixels(without_hand(recording)), first), recording, first=first)
+        done = _film(with_ideal_pixels(without_hand(recording)), first)
+        done = with_hand(done, recording, first=first)
     exchanged = np.any(list(exchanged_samples(done.xyz_m.shape[:2], done.swaps).values()), axis=0)
     return done.having(repaired=np.where(done.edited, 2, exchanged).astype(np.int8))
 

@@ -219,6 +219,19 @@ def undistorted(cameras: Sequence[Camera], uv_px: Array, *, iterations: int | No
     )
 
 
+def flipped(uv_px: Array, height_px: float | None) -> Array:
+    """Pixels with v -> H - v.
+
+    Raises:
+        CalibrationError: the height is not known.
+    """
+    if height_px is None:
+        raise CalibrationError("pixels must be flipped, but the image height is not known: give `image_height_px`")
+    out = uv_px.copy()
+    out[..., 1] = height_px - out[..., 1]
+    return out
+
+
 def cropped_camera(camera: Camera, corner_px: Array) -> Camera:
     """The camera whose picture is a window of another's.
 

@@ -24,7 +24,7 @@ from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 from mocap.cleaning.swaps import Swap
 from mocap.errors import MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
-from mocap.filters.records import HeldLimb
+from mocap.filters.records import Limb
 from mocap.filters.velocities import Asked, Motion
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
@@ -78,49 +78,17 @@ def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequ
     return data.assign_coords({axis: AXES[axis] for axis in axes}).assign(made)
 
 
-_LIMB = {"state": "state", "covariance": "cov", "at_state": "at_state"}
-
-
-def with_limbs(data: xr.Dataset, limbs: Sequence[HeldLimb]) -> xr.Dataset:
-    """The Dataset with the potentials that held limbs; of the map and of pulls in single precision."""
-    if not limbs:
-        return data
-    markers = data["keypoint"].values.tolist()
-    most = max(len(limb.samples) for limb in limbs)
-    place = np.full((len(limbs), len(markers)), -1)
-    pull = np.full((data.sizes["time"], len(limbs), len(markers), 3), np.nan, dtype=np.float32)
-    samples = np.full((len(limbs), most, 2), np.nan)
-    for i, limb in enumerate(limbs):
-        index = [markers.index(name) for name in limb.markers]
-        place[i, index], pull[:, i, index] = np.arange(len(index)), limb.pull
-        samples[i, : len(limb.samples)] = limb.samples
-    values = {f"limb_{name}": np.stack([getattr(limb, of) for limb in limbs], axis=1) for name, of in _LIMB.items()}
-    for name in ("x", "y", "value"):
-        values[f"limb_{name}"] = np.stack([getattr(limb, name) for limb in limbs])
-    values["limb_value"] = values["limb_value"].astype(np.float32)
-    values |= {"limb_samples": samples, "limb_marker": place, "limb_pull": pull}
-    return with_variables(data, values, limb=[limb.name for limb in limbs])
-
-
-def limbs_of_data(data: xr.Dataset) -> tuple[HeldLimb, ...]:
-    """Limbs on the potentials that held them."""
-    out = []
-    for i, name in enumerate(data["limb"].values.tolist() if "limb" in data.coords else ()):
-        one = data.isel(limb=i)
-        place = one["limb_marker"].values
-        index = np.argsort(place, kind="stable")[int((place < 0).sum()) :]
-        samples = one["limb_samples"].values
-        out.append(
-            HeldLimb(
-                name=name,
-                markers=tuple(data["keypoint"].values[index].tolist()),
-                samples=samples[np.isfinite(samples[:, 0])],
-                pull=one["limb_pull"].values[:, index],
-                **{part: one[f"limb_{part}"].values for part in ("x", "y", "value")},
-                **{of: one[f"limb_{part}"].values for part, of in _LIMB.items()},
-            )
-        )
-    return tuple(out)
+def limb_variables(limbs: Mapping[str, Limb]) -> dict[str, Values]:
+    """Potentials that held limbs, as variables; of the map and of pulls in single precision."""
+    most = max(len(limb["samples"]) for limb in limbs.values())
+    values: dict[str, Values] = {}
+    for name, one in VARIABLES.items():
+        if "limb" in one.dims:
+            parts = [limb[name.removeprefix("limb_")] for limb in limbs.values()]
+            if "sample" in one.dims:
+                parts = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=np.nan) for part in parts]
+            values[name] = np.stack(parts, axis=one.dims.index("limb"))
+    return {**values, **{name: values[name].astype(np.float32) for name in ("limb_value", "limb_pull")}}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -478,9 +446,19 @@ class Recording:
         return dict(zip(self.data["joint"].values.tolist(), coordinates, strict=True))
 
     @property
-    def limbs(self) -> tuple[HeldLimb, ...]:
-        """Potentials of limbs that held the pose."""
-        return limbs_of_data(self.data)
+    def limbs(self) -> dict[str, Limb]:
+        """What potentials said of limbs that they held: the variables ``limb_...`` of each, of its own samples.
+
+        ``marker`` is (J,) its markers along the limb, ``pull`` (T, J, 3) on these.
+        """
+        out = {}
+        for i, name in enumerate(self.data["limb"].values.tolist() if "limb" in self.data.coords else ()):
+            own = [of for of, one in VARIABLES.items() if "limb" in one.dims]
+            limb = {of.removeprefix("limb_"): self.data[of].isel(limb=i).values for of in own}
+            index = np.argsort(limb["marker"], kind="stable")[int((limb["marker"] < 0).sum()) :]
+            samples = limb["samples"][np.isfinite(limb["samples"][:, 0])]
+            out[name] = {**limb, "samples": samples, "marker": index, "pull": limb["pull"][:, index]}
+        return out
 
     @property
     def edited(self) -> NDArray[np.bool_]:

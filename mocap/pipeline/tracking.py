@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.over_time import at_frames
 from mocap.cameras.triangulate import project
 from mocap.cleaning.bias import lasting_share
 from mocap.filters.anatomy import anatomy_of
@@ -23,8 +22,9 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked, Motion, without_rates
 from mocap.joints import joint_variables
-from mocap.pipeline.recording import Recording, of_points, with_limbs
+from mocap.pipeline.recording import Recording, limb_variables, of_points
 from mocap.pipeline.sentences import TOGETHER
+from mocap.pipeline.variables import VARIABLES, Values
 from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
@@ -147,13 +147,20 @@ def with_track(
     n_frames, n_markers = recording.xyz_m.shape[:2]
     n_cameras = recording.uv_px.shape[0]
     frames, markers = recording.place(part)
-    inside = np.ix_(np.arange(n_frames)[frames], markers)
-    xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
-    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + lasting_cov(recording)[inside]
+
+    def spread(name: str, values: Values) -> Values:
+        """A variable of the part as one of the recording."""
+        dims, least = VARIABLES[name].dims, VARIABLES[name].entry.get("least", 0)
+        sizes = [{"time": n_frames, "keypoint": n_markers}.get(d, n) for d, n in zip(dims, values.shape, strict=True)]
+        out = np.full(sizes, np.nan if values.dtype.kind == "f" else least, dtype=values.dtype)
+        out[tuple({"time": frames, "keypoint": markers}.get(dim, slice(None)) for dim in dims)] = values
+        return out
+
+    xyz, cov = spread("position", smoothed.xyz_m), spread("covariance", smoothed.cov_m2) + lasting_cov(recording)
     used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
-    believed[inside] = smoothed.believed
+    believed[frames][:, markers] = smoothed.believed
     for frame, seen in enumerate(smoothed.observed, start=frames.start):
         rays = seen.where[:, 0] >= WHOLE  # not what other markers of a body say
         camera, marker = seen.where[rays, 0], markers[seen.where[rays, 1]]
@@ -170,19 +177,16 @@ def with_track(
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
     xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Status.MISSING
-    nis, likelihood, rows_used = np.full(n_frames, np.nan), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
-    nis[frames] = [seen.nis for seen in smoothed.observed]
-    rows_used[frames] = [seen.n_rows for seen in smoothed.observed]
+    rays, likelihood = {}, np.zeros(n_frames)
     likelihood[frames] = smoothed.log_likelihood
-    rays = {}
     if recording.cameras:
         rays = {"innovation": innovation, "used": used, "reprojected": project(recording.matrices, xyz)}
     found = recording.having(
         position=xyz,
         covariance=cov,
         status=origin,
-        nis=nis,
-        n_rows=rows_used,
+        nis=spread("nis", np.array([seen.nis for seen in smoothed.observed], dtype=float)),
+        n_rows=spread("n_rows", np.array([seen.n_rows for seen in smoothed.observed], dtype=np.int64)),
         log_likelihood=likelihood,
         **rays,
     )
@@ -191,16 +195,14 @@ def with_track(
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
     found = _with_joints(found.with_motion(motion), whole_frames(recording))
     found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(y_up)))
-    index = np.arange(n_frames) - frames.start
-    index[(index < 0) | (index >= len(part.t_s))] = -1
-    found = replace(found, data=with_limbs(found.data, [at_frames(limb, index) for limb in smoothed.held]))
+    if smoothed.limbs:
+        limbs: dict[str, Any] = {name: spread(name, of) for name, of in limb_variables(smoothed.limbs).items()}
+        found = found.having({"limb": list(smoothed.limbs)}, **limbs)
     if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
         return found
     angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
     angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
-    values: dict[str, Any] = {name: np.full((n_frames, of.shape[1]), np.nan) for name, of in angles.items()}
-    for name, of in angles.items():
-        values[name][frames] = of
+    values: dict[str, Any] = {name: spread(name, of) for name, of in angles.items()}
     values |= {"segment_length": own.motion.length_m, "segment_length_sd": own.motion.length_sd_m}
     ends = [(part.names[int(a)], part.names[int(b)]) for a, b in own.motion.ends]
     names = angle_names(ends, np.bincount(own.motion.tree.joint, minlength=len(ends)).tolist())

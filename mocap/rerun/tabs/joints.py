@@ -59,7 +59,7 @@ def tab(layout: Layout) -> rrb.Container | None:
     others = [name for name in layout.joint_frames if name not in layout.landscapes]
     if others:
         parts.append(rows([coordinates_view(layout, name) for name in others], name="Other joints"))
-    parts += [limb_tab(layout, limb) for limb in layout.run.limbs]
+    parts += [limb_tab(layout, name) for name in layout.run.limbs]
     return rrb.Tabs(*parts, active_tab=0, name="Joints and potentials")
 
 

@@ -72,14 +72,14 @@ def _advice(
     arguments: Sequence[Any],
     named: Mapping[str, Any],
     others: Mapping[str, Callable[[], Callable[..., Any]]],
-    said: str,
+    problem: str,
 ) -> str:
     own = [name for name, one in takes.parameters.items() if one.kind is not Parameter.VAR_KEYWORD]
     first = [name for name, one in takes.parameters.items() if one.kind is Parameter.POSITIONAL_OR_KEYWORD]
     call = f"mocap.{verb}({', '.join(name if name in first else f'{name}=' for name in own)})"
     strange = next((name for name in named if name not in own), None)
     if strange is None:
-        return f"mocap.{verb}: {said}: expected {call}"
+        return f"mocap.{verb}: {problem}: expected {call}"
     like = get_close_matches(strange, own, n=1)
     if like:
         return f"mocap.{verb} has no argument `{strange}`; did you mean `{like[0]}`?"

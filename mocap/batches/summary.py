@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from mocap.batches.find import DATA
-from mocap.batches.known import Record
 from mocap.batches.trial import some
+from mocap.batches.trial_record import Record
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.csv_table import as_cell, from_cell
@@ -167,8 +167,8 @@ def page(records: Sequence[Record], seconds: Mapping[str, float]) -> str:
 def counted(records: Sequence[Record]) -> str:
     """``100 trials: 90 done, 8 failed, 2 skipped``."""
     count = {status: sum(r.status == status for r in records) for status in ("done", "failed", "skipped")}
-    told = ", ".join(f"{number} {status}" for status, number in count.items() if number)
-    return f"{len(records)} trial{'' if len(records) == 1 else 's'}: {told or 'none finished yet'}"
+    numbers = ", ".join(f"{number} {status}" for status, number in count.items() if number)
+    return f"{len(records)} trial{'' if len(records) == 1 else 's'}: {numbers or 'none finished yet'}"
 
 
 def reasons(errors: Mapping[str, str]) -> list[str]:
@@ -199,8 +199,8 @@ def summed(records: Sequence[Record]) -> str:
         values = [float(str(row[name])) for row in rows if row.get(name) is not None]
         if values:
             found.append(f"median {text.format(np.median(values))}")
-    known = [(r["hidden_samples"], r["coverage95"]) for r in rows if r.get("coverage95") is not None]
-    hidden, inside = np.array(known, dtype=float).reshape(-1, 2).T
+    scores = [(r["hidden_samples"], r["coverage95"]) for r in rows if r.get("coverage95") is not None]
+    hidden, inside = np.array(scores, dtype=float).reshape(-1, 2).T
     if hidden.sum() > 0:
         share = (hidden * inside).sum() / hidden.sum()
         found.append(f"{share:.1f} % of {hidden.sum():.0f} hidden samples inside 95 % intervals")

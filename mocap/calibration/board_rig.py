@@ -75,7 +75,7 @@ def calibrate_boards(
     intrinsics = []
     for name in names:
         if lenses is not None:
-            intrinsics.append(_held(lenses, name))
+            intrinsics.append(_fixed_lens(lenses, name))
             continue
         found = fit_intrinsics(list(views[name].corners.values()), views[name].size_px, name=name, choices=choices)
         intrinsics.append(found)
@@ -110,7 +110,7 @@ def calibrate_boards(
     return _result(adjusted, sightings, pictures, views, tuple(intrinsics), stems, world_frame, left_out)
 
 
-def _held(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
+def _fixed_lens(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
     if name not in lenses:
         raise CalibrationError(f"camera {name!r} has no known lens: there are {', '.join(map(repr, lenses))}")
     return Intrinsics(lens=lenses[name], choice="known", held_out_px={}, f_sd_px=0.0, rms_px=0.0, cov=np.zeros((0, 0)))
@@ -152,14 +152,14 @@ def _apart(a: Array, b: Array, turn: Array | None, view: Array) -> tuple[float, 
     return min(off), int(np.argmin(off)) == 1
 
 
-def _world(asked: str | None, stems: Sequence[str], seen: Mapping[tuple[int, str], Array]) -> str:
-    if asked is None:
+def _world(requested: str | None, stems: Sequence[str], seen: Mapping[tuple[int, str], Array]) -> str:
+    if requested is None:
         return max(stems, key=lambda s: sum(t == s for _, t in seen))
-    if asked not in stems:
+    if requested not in stems:
         raise CalibrationError(
-            f"no camera sees the board in the world frame {asked!r}: choose one of {', '.join(stems[:20])}"
+            f"no camera sees the board in the world frame {requested!r}: choose one of {', '.join(stems[:20])}"
         )
-    return asked
+    return requested
 
 
 def _sightings(

@@ -169,7 +169,7 @@ class _Problem:
         n_cameras = self.n_cameras = len(scene.cameras)
         self.coefficients = [np.flatnonzero(c) for c in free.coefficients or [()] * n_cameras]
         self.n_focal = {"none": 0, "one": 1, "two": 2}[free.focal]
-        self.pose = [6 if i != free.held else 0 for i in range(n_cameras)]
+        self.pose = [6 if i != free.fixed else 0 for i in range(n_cameras)]
         lens = [self.n_focal + 2 * free.centre + len(c) for c in self.coefficients]
         self.start = self.n_bodies * self.body_size + np.cumsum([0, *np.add(self.pose, lens)])
         self.mine = [np.flatnonzero(sightings.camera == i) for i in range(n_cameras)]
@@ -326,9 +326,11 @@ class _Problem:
             scaled = slopes[rows].toarray() * root[rows, None]
             lens, pose = scaled[:, at], scaled[:, self.body_size * body : self.body_size * (body + 1)]
             lens = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
-            score, told = lens.T @ (root[rows] * residual[rows]), lens.T @ lens
+            score, information = lens.T @ (root[rows] * residual[rows]), lens.T @ lens
             found += float(score @ covariance @ score)
-            expected += float(np.trace(covariance @ told) - np.trace(covariance @ told @ covariance @ told))
+            expected += float(
+                np.trace(covariance @ information) - np.trace(covariance @ information @ covariance @ information)
+            )
         return found / expected
 
 

@@ -51,15 +51,15 @@ def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tupl
     found: dict[int, Array] = {i: np.eye(4), j: T}
     while len(found) < n:
         points = _points(found, xy)
-        known = np.isfinite(points[:, 0])
-        counts = {c: int(np.count_nonzero(seen[c] & known)) for c in range(n) if c not in found}
+        finite = np.isfinite(points[:, 0])
+        counts = {c: int(np.count_nonzero(seen[c] & finite)) for c in range(n) if c not in found}
         c = max(counts, key=lambda c: counts[c])
         if counts[c] < 6:
             raise CalibrationError(
                 f"camera {names[c]!r} shares {counts[c]} points with the others and needs 6: film the wand in its "
                 "view again"
             )
-        found[c] = _placed(points, xy[c], seen[c] & known, 8 / f_px[c], names[c])
+        found[c] = _placed(points, xy[c], seen[c] & finite, 8 / f_px[c], names[c])
     return [found[c] for c in range(n)], _points(found, xy)
 
 

@@ -113,8 +113,8 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     def by_stretches(whole: Array) -> tuple[float, Array]:
         """The residual of stretches left out, and (BLOCKS, C) coefficients without each."""
         parts = [_fitted(lenses, matrices, u, whole) for u in kept]
-        held = [misses(matrices, _straight(lenses, u, _each(k, n))) for k, u in zip(parts, left, strict=True)]
-        return _median(held), np.stack([_each(k, n) for k in parts])
+        left_out = [misses(matrices, _straight(lenses, u, _each(k, n))) for k, u in zip(parts, left, strict=True)]
+        return _median(left_out), np.stack([_each(k, n) for k in parts])
 
     best = _fitted(lenses, matrices, uv, np.zeros(1))
     after, parts = by_stretches(best)

@@ -156,8 +156,8 @@ def lenses(
 
     board = filmed.board(square_mm)
     with result_folder(out, "lenses", replace=force, beside=True, inputs=[folder], tell=say) as made:
-        known, report = lenses_from_pictures(folder, board, lens=lens, tell=say)
-        write_lenses(made / NAME, known)
+        found, report = lenses_from_pictures(folder, board, lens=lens, tell=say)
+        write_lenses(made / NAME, found)
         written = write_report(made, report, [NAME])
     _finish(written, out, as_json)
 
@@ -275,7 +275,7 @@ def refine(
         typer.Argument(help="Pixels of a recording: DLTdv xypts, dvProject.mat, or any format that mocap info knows."),
     ],
     out: Out,
-    stated: CameraOptions,
+    options: CameraOptions,
     bone: Annotated[
         list[str] | None,
         typer.Option(
@@ -290,6 +290,6 @@ def refine(
     import mocap
     from mocap.pipeline.calibrate import from_tracks
 
-    recording = mocap.read(tracks, fps=1.0, **stated.stated())
+    recording = mocap.read(tracks, fps=1.0, **options.arguments())
     made = partial(from_tracks, recording, bones=bone or [], focal=focal)
     _calibrated(made, out, recording.inputs, force=force, as_json=as_json, lenses=False)

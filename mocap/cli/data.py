@@ -34,12 +34,12 @@ def list_data(as_json: AsJson = False) -> None:
     for entry in ENTRIES:
         made.add_row(entry.name, entry.what)
     console.print(made)
-    known = Table(
+    recordings = Table(
         "mocap data path", "", "there", box=None, title=f"\nReal, in {where} ({VARIABLE})", title_justify="left"
     )
     for recording in real:
-        known.add_row(recording["name"], recording["what"], "yes" if recording["there"] else "-")
-    console.print(known)
+        recordings.add_row(recording["name"], recording["what"], "yes" if recording["there"] else "-")
+    console.print(recordings)
 
 
 @data.command("make", cls=Command)

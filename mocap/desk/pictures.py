@@ -123,10 +123,10 @@ def ellipses(matrices: Array, xyz_m: Array, cov_m2: Array, shown: Shown, *, y_up
     jacobian = jacobian * np.array([1.0, -1.0 if y_up else 1.0])[:, None]
     s = jacobian @ cov_m2 @ np.swapaxes(jacobian, -1, -2)
     out = np.full((*uv.shape[:2], 5), np.nan)
-    known = np.isfinite(s).all(axis=(-1, -2))
-    values, vectors = np.linalg.eigh(s[known])
+    finite = np.isfinite(s).all(axis=(-1, -2))
+    values, vectors = np.linalg.eigh(s[finite])
     turn = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
-    out[known, 2:] = np.c_[_REACH * np.sqrt(np.maximum(values[:, ::-1], 0)), turn]
+    out[finite, 2:] = np.c_[_REACH * np.sqrt(np.maximum(values[:, ::-1], 0)), turn]
     for c in range(len(matrices)):
         out[c, :, :2] = shown(c, uv[c])
     return out

@@ -153,12 +153,12 @@ class Proof(Pictures):
         recording, markers = self.recording, self.tracks
         status = Status(int(markers.status[frame, marker])).name.lower()
         changed = recording.edited[frame]
-        told = {
+        shown = {
             "status": "edited" if changed[marker] and status == "measured" else status,
             "sd_mm": listed(1e3 * np.sqrt(np.trace(markers.cov_m2[frame, [marker]], axis1=1, axis2=2) / 3)),
         }
         if "pixels" not in recording.data:
-            return told | {"cameras": []}
+            return shown | {"cameras": []}
         pixels = recording.data["pixels"].values
         clicked = self.upright(pixels[:, frame])
         shapes, lines = np.full((*clicked.shape[:2], 5), np.nan), [[] for _ in clicked]
@@ -175,7 +175,7 @@ class Proof(Pictures):
             "ellipse": shapes,
             "edited": np.broadcast_to(changed.astype(float), clicked.shape[:2]),
         }
-        return told | {"cameras": drawn(marks, lines)}
+        return shown | {"cameras": drawn(marks, lines)}
 
     def scene(self) -> bytes:
         """The result as a recording of rerun."""
@@ -242,10 +242,10 @@ class Proof(Pictures):
 
     def settle(self) -> str:
         """Solve again what the corrections touch that were made since this was called last."""
-        said = "nothing to solve"
+        message = "nothing to solve"
         while self.pending:
-            said = self._settle(*self.pending.pop(0))
-        return said
+            message = self._settle(*self.pending.pop(0))
+        return message
 
     def _settle(self, edit: Edit, back: bool) -> str:
         """Solve again what an edit touches: around it, or around both ends of a range, whose middle is as it says."""
@@ -273,7 +273,7 @@ class Proof(Pictures):
             bare, left = self._cleaned
             cleaned = with_hand(bare, recording, left=left)
             moved = (cleaned.xyz_m != bare.xyz_m).any(axis=-1)
-        said = "; the model solves it when the trial is tracked again" if alone else ""
+        note = "; the model solves it when the trial is tracked again" if alone else ""
         for span in [] if alone else spans:
             try:
                 window, found = tracked_again(
@@ -286,7 +286,7 @@ class Proof(Pictures):
                     cleaned=cleaned,
                 )
             except MocapError as error:  # one ray alone: it is kept, and settles something with the next
-                said = f"; {error}"
+                note = f"; {error}"
                 continue
             frames = np.arange(len(status))[window]
             near = (frames[:, None] >= span[0]) & (frames[:, None] <= span[1])
@@ -298,8 +298,10 @@ class Proof(Pictures):
                 array[np.ix_(frames, which)] = np.where(new.reshape(*new.shape, *(1,) * (old.ndim - 2)), value, old)
         self.tracks = replace(tracks, xyz_m=xyz, cov_m2=cov, status=status)
         sd = self.tracks.sd_m[first, which[0]]
-        known = "is not known" if np.isnan(sd) else f"is known to {1e3 * sd:.2g} mm"
-        return f"{edit.marker} in frame {first + 1} {known}{said}{'' if back else self._missed(edit, first, which[0])}"
+        accuracy = "is not known" if np.isnan(sd) else f"is known to {1e3 * sd:.2g} mm"
+        return (
+            f"{edit.marker} in frame {first + 1} {accuracy}{note}{'' if back else self._missed(edit, first, which[0])}"
+        )
 
     def _missed(self, edit: Edit, frame: int, marker: int) -> str:
         """That a place is not where the track is: the other cameras or the motion contradict it."""

@@ -127,11 +127,11 @@ class Session:
 
     def settle(self) -> str:
         """Name again what the clicks change that were made or taken back since this was called last."""
-        said = "nothing to solve"
+        message = "nothing to solve"
         while self.pending:
             span = self.pending.pop(0)()
-            said = f"frames {span[0] + 1} to {span[1] + 1} were named again" if span else "named as before"
-        return said
+            message = f"frames {span[0] + 1} to {span[1] + 1} were named again" if span else "named as before"
+        return message
 
     def run(self) -> str:
         """Digitise with the clicks that there are."""
@@ -189,15 +189,15 @@ class Session:
         cov_m2 = self.found.engine.tracks.cov_m2
         return [
             Place(
-                frame=asked.frame,
-                marker=asked.marker,
-                first=asked.frame,
-                last=asked.frame,
-                worth_m2=float(np.trace(cov_m2[asked.frame, asked.marker])),
-                why=f"click it in {self.cameras[asked.camera].name}",
-                camera=asked.camera,
+                frame=question.frame,
+                marker=question.marker,
+                first=question.frame,
+                last=question.frame,
+                worth_m2=float(np.trace(cov_m2[question.frame, question.marker])),
+                why=f"click it in {self.cameras[question.camera].name}",
+                camera=question.camera,
             )
-            for asked in self.found.questions()
+            for question in self.found.questions()
         ]
 
 
@@ -225,7 +225,7 @@ def open_session(
             replaced by those of ``start``.
     """
     opened, cameras = open_with_crops(films, cameras_of(calibration, profile), crop, offset_frames)
-    known = read_skeleton(skeleton)
+    animal = read_skeleton(skeleton)
     saved = folder / SAVED
     if start is not None and saved.is_file() and not saved.samefile(start):
         raise MocapError(
@@ -233,10 +233,10 @@ def open_session(
             "leave `start` out to go on with them, or give another folder"
         )
     earlier = start or (saved if saved.is_file() else None)
-    clicks = [] if earlier is None else read_clicks(earlier, known, n_cameras=len(cameras), n_frames=opened.n_frames)
+    clicks = [] if earlier is None else read_clicks(earlier, animal, n_cameras=len(cameras), n_frames=opened.n_frames)
     if earlier is not None and (unseen := earlier.parent / UNSEEN).is_file():
         clicks += read_unseen(unseen)
-        check_clicks(clicks, (len(cameras), opened.n_frames, len(known.markers)), empty=True)
+        check_clicks(clicks, (len(cameras), opened.n_frames, len(animal.markers)), empty=True)
     rate = fps or opened.movies[0].fps
     if rate is None:
         raise MocapError("the frame rate is in no film: give `fps`")
@@ -245,7 +245,7 @@ def open_session(
         return digitise(
             list(films),
             calibration=calibration,
-            skeleton=known,
+            skeleton=animal,
             start=given,
             model=model,
             profile=profile,
@@ -258,7 +258,7 @@ def open_session(
     return Session(
         films=opened,
         cameras=cameras,
-        skeleton=known,
+        skeleton=animal,
         fps=float(rate),
         track=track,
         folder=folder,

@@ -81,14 +81,14 @@ def questions(engine: Engine, *, error_px: float, most: int) -> list[Question]:
         gains = gains * (1 - 1e-3 * np.abs(frames - frames.mean()) / max(len(frames), 1))
         tried = np.unique([int(np.argmax(gains)), *np.linspace(0, len(frames) - 1, 7).astype(int)])
         seen, gone = shown[:, :, marker], hidden[:, :, marker]
-        asked = []
+        candidates = []
         for at in tried:
             frame = int(frames[at])
             likely = in_sight(seen, gone, frame)
             question = _in_best_camera(engine, frame, marker, float(gains[at]), answered, likely)
-            asked += [] if question is None else [question]
-        if asked:
-            found.append(max(asked, key=lambda question: question.removes_m2))
+            candidates += [] if question is None else [question]
+        if candidates:
+            found.append(max(candidates, key=lambda question: question.removes_m2))
     return sorted(found, key=lambda q: -q.removes_m2)[:most]
 
 

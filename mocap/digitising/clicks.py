@@ -51,15 +51,15 @@ def read_clicks(path: Path, skeleton: Skeleton, *, n_cameras: int, n_frames: int
     if len(pixels.cameras) != n_cameras:
         raise FormatError(f"{path.name}: clicks of {len(pixels.cameras)} cameras for {n_cameras} films")
     names = skeleton.renamed(pixels.names)
-    known = {i: skeleton.markers.index(name) for i, name in enumerate(names) if name in skeleton.markers}
-    if not known:
+    marker_of = {i: skeleton.markers.index(name) for i, name in enumerate(names) if name in skeleton.markers}
+    if not marker_of:
         raise FormatError(
             f"{path.name}: its markers ({', '.join(names[:5])}, ...) are not in the skeleton "
             f"({', '.join(skeleton.markers[:5])}, ...): correct the names, or map them under [aliases]"
         )
     out = []
     for camera, row, column in np.argwhere(pixels.seen):
-        if column not in known:
+        if column not in marker_of:
             continue
         frame, (u, v) = int(contents.frames[row]) - 1, pixels.uv_px[camera, row, column]
         if frame >= n_frames:
@@ -67,7 +67,7 @@ def read_clicks(path: Path, skeleton: Skeleton, *, n_cameras: int, n_frames: int
                 f"{path.name}: frame {frame + 1} is clicked, but the films have {n_frames} frames in step: check "
                 "`offset_frames`, and that the clicks belong to these films"
             )
-        out.append(Click(camera=int(camera), frame=frame, marker=known[column], uv_px=(float(u), float(v))))
+        out.append(Click(camera=int(camera), frame=frame, marker=marker_of[column], uv_px=(float(u), float(v))))
     return out
 
 

@@ -57,9 +57,9 @@ class Digitised:
     def points(self) -> MarkerTracks:
         """Positions of all markers with covariance; ``smoothed`` where fewer than two cameras show the marker."""
         tracks = self.engine.tracks
-        known = np.isfinite(tracks.xyz_m[..., 0])
-        status = np.where(tracks.rays >= 2, Status.MEASURED, np.where(known, Status.SMOOTHED, Status.MISSING))
-        t_s = np.arange(len(known)) / self.fps
+        finite = np.isfinite(tracks.xyz_m[..., 0])
+        status = np.where(tracks.rays >= 2, Status.MEASURED, np.where(finite, Status.SMOOTHED, Status.MISSING))
+        t_s = np.arange(len(finite)) / self.fps
         return MarkerTracks(names=self.engine.names, t_s=t_s, xyz_m=tracks.xyz_m, cov_m2=tracks.cov_m2, status=status)
 
     @property
@@ -140,9 +140,9 @@ class Digitised:
             todo = self.questions(1)
             if not todo:
                 return made
-            asked = todo[0]
-            place = answer(asked)
-            self.click([Click(camera=asked.camera, frame=asked.frame, marker=asked.marker, uv_px=place)])
+            question = todo[0]
+            place = answer(question)
+            self.click([Click(camera=question.camera, frame=question.frame, marker=question.marker, uv_px=place)])
         return budget
 
     def save(self, folder: PathText, *, overwrite: bool = False) -> None:
@@ -202,18 +202,18 @@ def digitise(
     cameras = cameras_of(Path(calibration), None if profile is None else Path(profile))
     given = [films] if isinstance(films, (str, PathLike)) else list(films)
     opened, cameras = open_with_crops([Path(film) for film in given], cameras, crop, offset_frames)
-    known = skeleton if isinstance(skeleton, Skeleton) else read_skeleton(Path(skeleton))
+    animal = skeleton if isinstance(skeleton, Skeleton) else read_skeleton(Path(skeleton))
     if isinstance(start, (str, PathLike)):
-        clicks = read_clicks(Path(start), known, n_cameras=len(cameras), n_frames=opened.n_frames)
+        clicks = read_clicks(Path(start), animal, n_cameras=len(cameras), n_frames=opened.n_frames)
     else:
         clicks = list(start)
-    shape = (len(cameras), opened.n_frames, len(known.markers))
+    shape = (len(cameras), opened.n_frames, len(animal.markers))
     check_clicks(clicks, shape)
     frames = sorted({click.frame for click in clicks})
     table = places(clicks, shape)[:, frames]
     check_order(cameras, table.reshape(len(cameras), -1, 2), opened.movies)
-    poses = None if model is None else poses_of_model(model, known)
-    engine = Engine(films=opened, cameras=cameras, skeleton=known, poses=poses, clicks=clicks)
+    poses = None if model is None else poses_of_model(model, animal)
+    engine = Engine(films=opened, cameras=cameras, skeleton=animal, poses=poses, clicks=clicks)
     engine.decode(progress=progress)
     rate = fps or opened.movies[0].fps
     if rate is None:

@@ -16,7 +16,7 @@ from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click, places
 from mocap.digitising.dots import DotLook, Grey, Strength, find_dots, look_of, strength_of
-from mocap.digitising.errors import RayErrors, ray_errors, stated
+from mocap.digitising.errors import RayErrors, lasting_covariance, ray_errors
 from mocap.digitising.films import Films, grey_levels
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, jerk_density, positioned, predicted
@@ -263,8 +263,8 @@ class Engine:
         margin = 12.0 + (4.0 * self.look.radius_px if self.look else 0.0)
         out: list[tuple[int, int, int, int] | None] = []
         for c, (width, height) in enumerate(self.sizes):
-            known = np.isfinite(uv[c, :, 0]) & (reach[c] < 4 * _WIDE_PX)
-            if known.sum() < 0.5 * len(known):
+            predicted = np.isfinite(uv[c, :, 0]) & (reach[c] < 4 * _WIDE_PX)
+            if predicted.sum() < 0.5 * len(predicted):
                 out.append(None)
                 continue
             lens = self.cameras[c].lens
@@ -482,11 +482,11 @@ class Engine:
         self._take(frame, named)
         self.tracks.density[frame] = self.density
         # follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found
-        known = np.isfinite(named.surprise)
-        ratio = np.clip(named.surprise[known], 0.0, 30.0)
-        self.density[known] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
+        finite = np.isfinite(named.surprise)
+        ratio = np.clip(named.surprise[finite], 0.0, 30.0)
+        self.density[finite] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
         self.density[named.rays == 0] *= 1.3
-        self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
+        self.most = np.maximum(self.most, np.where(finite, self.density, 0.0))
         floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
         self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
         self.observer.measure_bones(named)
@@ -544,15 +544,15 @@ class Engine:
             self.density = self.tracks.density[min(frame + 1, last)]
             ahead = None if state is None else self._ahead(state)
             forward = self.tracks.forward[frame]
-            known = np.isfinite(forward[:, 0]).all()
+            complete = np.isfinite(forward[:, 0]).all()
             if ahead is None:
-                if not known:
+                if not complete:
                     continue
                 ahead = unpacked(forward).turned().looser(1e4)
             if frame < settled and _alike(ahead, unpacked(self.tracks.backward[frame])):
                 return frame + 1
             self.tracks.backward[frame] = packed(ahead)
-            both = fused(unpacked(forward), ahead.turned()) if known else ahead.turned()
+            both = fused(unpacked(forward), ahead.turned()) if complete else ahead.turned()
             named, _ = self._observed(frame, both)
             # the dots that both sides named, seen from the frames after alone
             seen = self._places(frame, named)
@@ -577,7 +577,7 @@ class Engine:
         met = named.rays >= 2
         _, jacobian = seen_from(self.matrices, named.xyz_m)
         used = np.where(np.isfinite(seen[..., 0])[..., None, None], jacobian, 0.0)
-        cov[met] = stated(self.errors, used, sd_px, named.cov_m2)[met]
+        cov[met] = lasting_covariance(self.errors, used, sd_px, named.cov_m2)[met]
 
     def _places(self, frame: int, named: Named) -> Array:
         """(C, M, 2) ideal pixels of named dots and clicks; NaN: none."""
@@ -587,7 +587,7 @@ class Engine:
             out = np.full((*named.dot.shape, 2), np.nan)
         else:
             out = np.where((named.dot >= 0)[..., None], ideal[camera, np.maximum(named.dot, 0)], np.nan)
-        _, clicks = self.observer.known(ideal, self._ideal(self._clicked(frame)))
+        _, clicks = self.observer.dots_of_clicks(ideal, self._ideal(self._clicked(frame)))
         return np.where(np.isfinite(clicks), clicks, out)
 
     def _deviations(self, frame: int, named: Named) -> Array:
@@ -688,8 +688,8 @@ class Engine:
     def learn_poses(self, end: int | None = None) -> None:
         """Learn the pose from the frames that are named so far."""
         t = self.tracks
-        known = np.where((t.rays[:end] >= 2)[..., None], t.xyz_m[:end], np.nan)
-        found = fit_poses(known, self.trunk, least_sd_m=1e-3 * self.observer.length_m)
+        measured = np.where((t.rays[:end] >= 2)[..., None], t.xyz_m[:end], np.nan)
+        found = fit_poses(measured, self.trunk, least_sd_m=1e-3 * self.observer.length_m)
         self.poses = self.observer.poses = found or self.poses
 
     def _estimate_sd(self, first: int) -> None:
@@ -734,11 +734,11 @@ class Engine:
             usual = float(np.median(own_sd[np.isfinite(own_sd)])) if np.isfinite(own_sd).any() else np.nan
             found = triangulate.apparent_sd(self.matrices, uv) / usual
             scale = max(found, scale) if np.isfinite(found) else scale
-        known = self.errors or RayErrors(sd_px=self.observer.sd_px, variance=np.ones(n), lasting=np.zeros(n))
+        errors = self.errors or RayErrors(sd_px=self.observer.sd_px, variance=np.ones(n), lasting=np.zeros(n))
         self.errors = replace(
-            known,
-            variance=np.where(textured, scale**2, known.variance),
-            lasting=np.where(textured, 1.0, known.lasting),
+            errors,
+            variance=np.where(textured, scale**2, errors.variance),
+            lasting=np.where(textured, 1.0, errors.lasting),
         )
 
 

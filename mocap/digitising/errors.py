@@ -60,7 +60,9 @@ def ray_errors(matrices: Array, ideal: Array, *, sd_px: float) -> RayErrors:
     )
 
 
-def stated(errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, shared: float = SHARED) -> Array:
+def lasting_covariance(
+    errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, shared: float = SHARED
+) -> Array:
     """Covariances (M, 3, 3) of positions when errors of dots last, differ, and are shared.
 
     A filter that takes errors to be new in each frame averages them. Of errors of which a share r lasts as long as it

@@ -124,10 +124,10 @@ def open_films(
     for camera, movie in zip(cameras, movies, strict=True):
         if camera.size_px is not None and tuple(camera.size_px) != movie.size_px:
             fits = [c.name for c in cameras if c.size_px is not None and tuple(c.size_px) == movie.size_px]
-            said = f"it fits {', '.join(fits)}" if fits else "it fits no camera of this calibration"
+            fit = f"it fits {', '.join(fits)}" if fits else "it fits no camera of this calibration"
             raise MocapError(
                 f"`films`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]} px, but camera {camera.name} "
-                f"was calibrated at {camera.size_px[0]} x {camera.size_px[1]}: {said}; give the films in the order of "
+                f"was calibrated at {camera.size_px[0]} x {camera.size_px[1]}: {fit}; give the films in the order of "
                 "the cameras; where they are cropped give `crop`, or calibrate the cropped window"
             )
     offsets = tuple(offset_frames) if offset_frames else (0,) * len(movies)

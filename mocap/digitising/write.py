@@ -91,7 +91,7 @@ def _dots(report: Report) -> list[str]:
     return found
 
 
-def report_text(report: Report, asked: Sequence[Question], names: Sequence[str]) -> str:
+def report_text(report: Report, questions: Sequence[Question], names: Sequence[str]) -> str:
     """The report as markdown."""
     found = report["markers_found"]
     lines = [
@@ -113,8 +113,11 @@ def report_text(report: Report, asked: Sequence[Question], names: Sequence[str])
         f"{row['doubtful_frames']} |"
         for name, row in rows.items()
     ]
-    lines += ["", f"{len(asked)} clicks are asked for next (`asked.csv`)." if asked else "No click is asked for."]
-    for q in asked[:5]:
+    lines += [
+        "",
+        f"{len(questions)} clicks are asked for next (`asked.csv`)." if questions else "No click is asked for.",
+    ]
+    for q in questions[:5]:
         lines.append(f"- {names[q.marker]} in frame {q.frame + 1} of camera {q.camera + 1}")
     return "\n".join([*lines, ""])
 
@@ -125,7 +128,7 @@ def write_digitised(
     pixels: PixelTracks,
     points: MarkerTracks,
     report: Report,
-    asked: Sequence[Question],
+    questions: Sequence[Question],
 ) -> None:
     """Write all files of a result into an empty folder."""
     fps = 1 / float(pixels.t_s[1] - pixels.t_s[0]) if len(pixels.t_s) > 1 else 1.0
@@ -153,13 +156,13 @@ def write_digitised(
     with (folder / "asked.csv").open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(["camera", "frame", "marker", "u_px", "v_px", "sd_px"])
-        for q in asked:
+        for q in questions:
             sd = float(np.sqrt(np.trace(q.cov_px2) / 2))
             table.writerow(
                 [q.camera + 1, q.frame + 1, engine.names[q.marker], *(f"{x:.2f}" for x in q.uv_px), f"{sd:.2f}"]
             )
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    (folder / "report.md").write_text(report_text(report, asked, engine.names), encoding="utf-8")
+    (folder / "report.md").write_text(report_text(report, questions, engine.names), encoding="utf-8")
 
 
 def _write_origin(path: Path, engine: Engine, pixels: PixelTracks, points: MarkerTracks) -> None:

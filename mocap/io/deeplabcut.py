@@ -70,8 +70,8 @@ def _in_order(values: Array, index: Index) -> tuple[Array, NDArray[np.int64], li
     films = {image.parent for image in images}
     numbers = image_numbers([image.name for image in images]) if len(films) == 1 else None
     if numbers is None:
-        told = f"the rows are images of {len(films)} films" if len(films) > 1 else "the rows have no frame numbers"
-        return values, np.arange(len(values)), [f"{told}: they are counted in their order"]
+        reason = f"the rows are images of {len(films)} films" if len(films) > 1 else "the rows have no frame numbers"
+        return values, np.arange(len(values)), [f"{reason}: they are counted in their order"]
     order = np.argsort(numbers)
     return values[order], np.array(numbers)[order], []
 

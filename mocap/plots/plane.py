@@ -50,9 +50,9 @@ def _paths(xy: np.ndarray, filled: np.ndarray, names: tuple[str, ...], unit: str
         colour = COLOURS[m % len(COLOURS)]
         ax.plot(*xy[:, m].T, color="#BBBBBB", linewidth=0.5)
         ax.plot(*np.where(filled[:, m, None], np.nan, xy[:, m]).T, color=colour, linewidth=0.9)
-        known = np.flatnonzero(np.isfinite(xy[:, m, 0]))
-        if len(known):
-            ax.annotate(names[m], xy[known[0], m], fontsize=5, color=colour)
+        finite = np.flatnonzero(np.isfinite(xy[:, m, 0]))
+        if len(finite):
+            ax.annotate(names[m], xy[finite[0], m], fontsize=5, color=colour)
     ax.set_aspect("equal", adjustable="datalim")
     ax.invert_yaxis()
     labelled(ax, f"x ({unit})", f"y ({unit})")

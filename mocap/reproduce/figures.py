@@ -133,9 +133,9 @@ def reproduce(
             lines.append(f"- Figure {name}: {ELSEWHERE[name]}")
         elif mine:
             stem = name if name.startswith("theorem") else f"fig{name}"
-            held = sum(v.holds for v in mine)
+            holding = sum(v.holds for v in mine)
             title = label(name).replace("fig", "Figure").capitalize()
-            lines.append(f"- {title}: {stem}.png, {stem}.csv; {held} of {len(mine)} claims hold")
+            lines.append(f"- {title}: {stem}.png, {stem}.csv; {holding} of {len(mine)} claims hold")
     (out / "figures.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return verdicts
 

@@ -106,12 +106,12 @@ def _sentence(camera: Camera, footage: Footage, source: str) -> str:
     )
 
 
-def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array, str]:
+def offsets_of(tracks: Path | None, offsets: Sequence[int] | None) -> tuple[Array, str]:
     """Frames of the movies minus frames of the tracks, and where that is known from.
 
     Args:
         tracks: xypts file or project; None: not known.
-        stated: By the user; None: what the project says, or the file ``*offsets.csv`` beside an xypts file, or 0.
+        offsets: By the user; None: what the project says, or the file ``*offsets.csv`` beside an xypts file, or 0.
 
     Returns:
         (T or 1, C or 1) offsets.
@@ -119,8 +119,8 @@ def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array
     Raises:
         MocapError: that file cannot be read.
     """
-    if stated:
-        return np.array([stated], dtype=np.float64), "as stated"
+    if offsets:
+        return np.array([offsets], dtype=np.float64), "as stated"
     if tracks is None:
         return np.zeros((1, 1)), "not stated"
     if tracks.suffix.lower() == ".mat":

@@ -114,8 +114,8 @@ def rms(values: Array, axis: int = 0) -> Array:
 
 def usual_limit(values: Array) -> float:
     """The end of a scale that 99 % of the numbers stay below; 1 where there are none."""
-    known = values[np.isfinite(values)]
-    return max(float(np.quantile(known, 0.99)), 1e-9) if known.size else 1.0
+    finite = values[np.isfinite(values)]
+    return max(float(np.quantile(finite, 0.99)), 1e-9) if finite.size else 1.0
 
 
 def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE) -> rrb.View:

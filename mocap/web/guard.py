@@ -36,9 +36,9 @@ HEADERS = {
 class Refusal(Exception):
     """A request that is not answered, with its status and why."""
 
-    def __init__(self, status: int, said: str) -> None:
+    def __init__(self, status: int, reason: str) -> None:
         """As HTTP has it."""
-        super().__init__(said)
+        super().__init__(reason)
         self.status = status
 
 

@@ -97,7 +97,7 @@ def noise_sd(recordings: Sequence[tuple[Array, Array]], names: Sequence[str]) ->
         cov_m2=np.full((*xyz.shape, 3), np.nan),
         status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
     )
-    return np.maximum(position_sd(tracks)[0], LEAST_SD_M)
+    return np.maximum(position_sd(tracks.xyz_m)[0], LEAST_SD_M)
 
 
 def believed(t_s: Array, xyz_m: Array, names: Sequence[str]) -> Array:

@@ -348,7 +348,7 @@ def _lens_uncertainty(film: Recording, audited: list[Finding], uv_px: Array) -> 
 def _positions(recording: Recording, first: int) -> Recording:
     """Positions, of which the noise is estimated where no covariance states it."""
     tracks, names, plane, skeleton = recording.tracks, recording.names, recording.plane, recording.skeleton
-    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), 1e-6)  # whatever a file says
+    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks.xyz_m)), 1e-6)  # whatever a file says
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     swaps, _ = without_edited(named.swaps, recording.edited)
     xyz, sd = exchange(tracks.xyz_m, swaps), exchange(sd, swaps)

@@ -220,9 +220,10 @@ def _column_medians(values: Array) -> Array:
 def position_sd(xyz_m: Array) -> Array:
     """(T, M) standard deviation of a coordinate of (T, M, 3) positions, from fourth differences.
 
-    Smooth motion has hardly any. White noise of variance s^2 gives fourth differences of variance 70 s^2. Digitising errors have heavy tails: the
-    result is the root mean square of a marker's differences within five robust standard deviations (their median is
-    0.6745 of one). Markers with too few samples take the median of the others, and all at least 1e-6 m.
+    Smooth motion has hardly any. White noise of variance s^2 gives fourth differences of variance 70 s^2. Digitising
+    errors have heavy tails: the result is the root mean square of a marker's differences within five robust standard
+    deviations (their median is 0.6745 of one). Markers with too few samples take the median of the others, and all at
+    least 1e-6 m.
     Points in a plane have two coordinates.
     """
     size = np.abs(np.asarray(np.diff(xyz_m[..., varying(xyz_m)], n=4, axis=0))) / np.sqrt(70)

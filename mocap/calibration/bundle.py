@@ -291,11 +291,11 @@ class _Problem:
     def lens_covariance(self, scene: Scene, sd: float, minimum: Minimum[Scene]) -> tuple[Array, ...]:
         """Covariance of the free numbers of each lens, from the inverse normal matrix.
 
-        Errors of one picture of a board are not independent (a board bends, its corners are blurred alike). With one
+        Errors of one image of a board are not independent (a board bends, its corners are blurred alike). With one
         camera C is therefore widened by one factor for all its numbers, tr(C sum_b g_b g_b^T) over what that is for
-        independent errors, where it is above 1 (the sandwich of Liang & Zeger 1986, without the bias of few pictures,
-        as Bell & McCaffrey 2002): g_b = L_b^T W r_b is the score of picture b (that of its pose is 0 at the minimum),
-        and of independent errors g_b has covariance A_b - A_b C A_b, A_b what the picture tells of the lens.
+        independent errors, where it is above 1 (the sandwich of Liang & Zeger 1986, without the bias of few images,
+        as Bell & McCaffrey 2002): g_b = L_b^T W r_b is the score of image b (that of its pose is 0 at the minimum),
+        and of independent errors g_b has covariance A_b - A_b C A_b, A_b what the image tells of the lens.
         """
         numbers = [np.arange(a + p, b) for a, b, p in zip(self.start[:-1], self.start[1:], self.pose, strict=True)]
         every = np.concatenate(numbers)

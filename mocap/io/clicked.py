@@ -1,4 +1,4 @@
-"""Known points of a scene, and where they were clicked in the picture of each camera."""
+"""Known points of a scene, and where they were clicked in the image of each camera."""
 
 import csv
 import re

@@ -26,7 +26,7 @@ META = "_meta.pickle"
 """End of the name of the file that DeepLabCut writes beside its predictions."""
 KNOWN = (
     f"a MATLAB file with {VARIABLE} (frames x 2), DeepLabCut's config.yaml or *{META}, a table with the columns x,y "
-    "(a row a frame, or one row) or camera,x,y (a row a camera)"
+    "(one row per frame, or one row) or camera,x,y (one row per camera)"
 )
 
 
@@ -137,7 +137,9 @@ def _common(one: str, other: str) -> int:
 
 def _offsets(path: Path, values: Array) -> Array:
     if values.ndim != 2 or values.shape[1] != 2 or not len(values) or not np.isfinite(values).all():
-        raise FormatError(f"{path.name}: crop offsets have shape {values.shape}; expected finite x, y in a row a frame")
+        raise FormatError(
+            f"{path.name}: crop offsets have shape {values.shape}; expected finite x, y in one row per frame"
+        )
     if np.abs(values).max() > 1e5:
         raise FormatError(f"{path.name}: a crop offset of {np.abs(values).max():g} px lies in no image")
     return values

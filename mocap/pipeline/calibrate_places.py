@@ -120,7 +120,7 @@ def _clicks(path: Path, known: Sequence[KnownLens], labels: Sequence[str]) -> tu
     tracks = read(path).pixels
     if tracks is None:
         raise FormatError(
-            f"{path.name}: no clicks; expected camera,point,x,y (a row a click), or point,{names[0]}_x,{names[0]}_y,..."
+            f"{path.name}: no clicks; expected camera,point,x,y (one row each), or point,{names[0]}_x,{names[0]}_y,..."
         )
     if len(tracks.cameras) != len(names):
         raise CalibrationError(

@@ -127,7 +127,7 @@ def _added(contents: FileContents, pixels: PixelTracks, offsets: Sequence[Array]
         if seen.any() and (at[seen].max() >= len(offset) or at[seen].min() < 0):
             raise FormatError(
                 f"crop offsets of camera {pixels.cameras[camera]!r} have {len(offset)} rows, but it is seen in its "
-                f"frame {at[seen].max() + 1}: give the offsets of this video, a row a frame"
+                f"frame {at[seen].max() + 1}: give the offsets of this video, one row per frame"
             )
         out[camera] += offset[np.clip(at, 0, len(offset) - 1), None]
     return out

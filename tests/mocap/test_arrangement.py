@@ -118,9 +118,7 @@ def test_corners_that_differ_unstated_are_told_loudly():
             height_px=HEIGHT,
         )
         flipped = uv * [1, -1] + [0, HEIGHT]
-        tracks = PixelTracks(
-            names=tuple("abcde"), cameras=tuple(c.name for c in cameras), t_s=FRAMES / 200, uv_px=uv
-        )
+        tracks = PixelTracks(names=tuple("abcde"), cameras=tuple(c.name for c in cameras), t_s=FRAMES / 200, uv_px=uv)
         told = [f for f in alarms(audit_filmed(cameras, tracks, flipped, decision)) if f.kind == "pixel origin"]
         assert bool(told) == (not stated)
 

@@ -60,7 +60,7 @@ REAL = (
     ),
     RealRecording(
         name="mouse_charuco_4cam",
-        what="4 cameras with pictures of a ChArUco board, Anipose calibration, SLEAP tracks of a mouse",
+        what="4 cameras with images of a ChArUco board, Anipose calibration, SLEAP tracks of a mouse",
         source="https://github.com/talmolab/sleap-anipose",
         licence="GPL-3.0 text, BSD-3-Clause in its setup",
     ),
@@ -72,7 +72,7 @@ REAL = (
     ),
     RealRecording(
         name="checkerboard_stereo_pair",
-        what="25 pairs of pictures of a checkerboard and their calibration",
+        what="25 pairs of images of a checkerboard and their calibration",
         source="https://github.com/Barry-Liang/stereoCalibrate",
         licence="none stated",
     ),

@@ -90,7 +90,7 @@ def audit_recording(recording: FileContents, origin: StatedOrigin = StatedOrigin
 
     Args:
         recording: The file's contents.
-        origin: What the user states about corners and picture height, as ``mocap track`` takes it.
+        origin: What the user states about corners and image height, as ``mocap track`` takes it.
     """
     pixels, points, cameras = recording.pixels, recording.points, recording.cameras
     if pixels is None or not cameras or not _meet(pixels, cameras):

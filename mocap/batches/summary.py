@@ -56,7 +56,7 @@ SHOWN = {
     "longest_gap_frames": "longest gap (frames)",
     "filled": "filled samples",
     "residual_px": "residual (px)",
-    "rmse_mm": "error on hidden samples (mm)",
+    "rmse_mm": "held-out error (mm)",
     "coverage95": "inside 95 % intervals (%)",
     "warnings": "warnings",
     "seconds": "time (s)",
@@ -195,7 +195,7 @@ def summed(records: Sequence[Record]) -> str:
     """Medians over the trials that were tracked, and coverage of all hidden samples together."""
     rows = [r.row for r in records if r.status == "done"]
     found = []
-    for name, text in (("residual_px", "residual {:.2f} px"), ("rmse_mm", "error on hidden samples {:.2f} mm")):
+    for name, text in (("residual_px", "residual {:.2f} px"), ("rmse_mm", "held-out error {:.2f} mm")):
         values = [float(str(row[name])) for row in rows if row.get(name) is not None]
         if values:
             found.append(f"median {text.format(np.median(values))}")

@@ -157,7 +157,7 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
     """(C) transforms of the first camera's axes to each camera's, along the pairs with most instants in common.
 
     Raises:
-        CalibrationError: the cameras fall into groups that share no instant, or pictures of one name are not of one.
+        CalibrationError: the cameras fall into groups that share no instant, or images of one name are not of one.
     """
     n = len(names)
     pairs = {(i, j): p for i in range(n) for j in range(n) if i != j and (p := pair_of(seen, i, j, turn)) is not None}
@@ -169,17 +169,17 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
             rest = ", ".join(repr(names[i]) for i in sorted(found))
             raise CalibrationError(
                 f"cameras {lost} never see the board at the same time as any of {rest}: film the board where both "
-                "see it, or give pictures taken at the same time the same name"
+                "see it, or give images taken at the same time the same name"
             )
         _, i, j = max(edges)
         pose, agree, common = pairs[-i, -j]
-        # of four instants or more half agree where pictures were taken at one time
+        # of four instants or more half agree where images were taken at one time
         if common >= 4 and agree < 0.5 * common:
             raise CalibrationError(
                 f"the boards of one name do not fit one scene: not of one instant? {names[-i]!r} and {names[-j]!r} "
                 f"share {common} names, and at most {agree} of them agree on how the cameras stand: if "
-                "each camera's pictures were taken by themselves, use mocap calibrate lenses, then mocap calibrate "
-                "places; else give pictures taken at the same time the same name"
+                "each camera's images were taken by themselves, use mocap calibrate lenses, then mocap calibrate "
+                "places; else give images taken at the same time the same name"
             )
         found[-j] = pose @ found[-i]
     return [found[i] for i in range(n)]

@@ -130,15 +130,15 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     k1, sd = _each(best, n), np.sqrt(np.diag(cov))
     if not after < 0.97 * before:
         raise CalibrationError(
-            f"`fit_lens`: no lens makes the rays meet better: the median residual of stretches left out of the fit is "
-            f"{after:.2f} px with k1 {k1[0]:.3f} and {before:.2f} px without: leave it out"
+            f"`fit_lens`: no lens reduces the reprojection error: the median residual of stretches left out of the "
+            f"fit is {after:.2f} px with k1 {k1[0]:.3f} and {before:.2f} px without: leave it out"
         )
     # undetermined, or stronger than any lens
     if (sd > np.maximum(0.03, np.abs(k1) / 3)).any() or (np.abs(k1) > 0.6).any():
         worst = int(np.argmax(sd))
         raise CalibrationError(
             f"`fit_lens`: this recording does not determine the lens (camera {cameras[worst].name!r}: k1 "
-            f"{k1[worst]:.2f} ± {sd[worst]:.2f}): the animal must be seen in all parts of the pictures; give the "
+            f"{k1[worst]:.2f} ± {sd[worst]:.2f}): the animal must be seen in all parts of the images; give the "
             "profile, or film a board: mocap calibrate lenses"
         )
     return TrackLens(lenses=tuple(lenses), k1=k1, cov=cov, before_px=before, after_px=after, by_camera=len(best) > 1)

@@ -157,7 +157,7 @@ def place_camera(known_lens: KnownLens, xyz_m: Array, uv_px: Array, *, labels: S
     if loose > 0.1 * distance:
         raise CalibrationError(
             f"camera {name!r}: its points leave its position open by {loose:.2g} m at {distance:.2g} m: click points "
-            "that span more of its picture and of its depth"
+            "that span more of its image and of its depth"
         )
     return place
 
@@ -292,7 +292,7 @@ def _place(
 
 def _misfit(lens: KnownLens, xyz: Array, uv: Array, rms_px: float, odd: Sequence[str]) -> str:
     """Why pixels do not belong to points, as far as it can be told."""
-    start = f"camera {lens.name!r}: its known points miss their pixels by {rms_px:.1f} px (root mean square)"
+    start = f"camera {lens.name!r}: its known points have an RMS reprojection error of {rms_px:.1f} px"
     if lens.size_px is not None:
         flipped = np.array([0.0, lens.size_px[1] - 1.0]) + uv * [1.0, -1.0]
         try:

@@ -29,7 +29,7 @@ def batch(
         list[str],
         typer.Argument(help="Folders with trials, patterns in quotes ('data/**/*.c3d'), or a manifest (.csv)."),
     ],
-    out: Annotated[Path, typer.Option(help="Folder of results: a folder a trial, summary.csv, summary.html.")],
+    out: Annotated[Path, typer.Option(help="Folder of results: one folder per trial, summary.csv, summary.html.")],
     recording_options: RecordingOptions,
     jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time, each by a process.")] = 2,
     model: Annotated[
@@ -78,7 +78,7 @@ def batch(
         else:
             say(f"all {len(trials)} trials can be tracked, as far as their files tell")
         say(
-            f"Wrote {path}: a row a trial; columns skip and note: what cannot be tracked, and why",
+            f"Wrote {path}: one row per trial; columns skip and note: what cannot be tracked, and why",
             f"Correct it in a spreadsheet, then: {typed(program(), 'batch', path)} --out RESULTS",
         )
         return

@@ -9,7 +9,7 @@ from rich.table import Table
 from mocap.cli.console import errors, output, progress, say
 from mocap.cli.options import AsJson, Command, Force, Out
 
-data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known truth, and where real ones are.")
+data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known ground truth, and where real ones are.")
 
 
 @data.command("list", cls=Command)
@@ -28,7 +28,7 @@ def list_data(as_json: AsJson = False) -> None:
         "mocap data make",
         "",
         box=None,
-        title="Synthetic, with known truth (made from a random seed)",
+        title="Synthetic, with known ground truth (made from a random seed)",
         title_justify="left",
     )
     for entry in ENTRIES:

@@ -174,6 +174,6 @@ def design_joint(
     show(readable(design))
     say(
         "",
-        f"Wrote {out}/: report, drawing, pictures{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
+        f"Wrote {out}/: report, drawing, images{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
         f"Look at it: {typed(program(), 'view', out)}",
     )

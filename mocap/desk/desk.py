@@ -66,7 +66,7 @@ class Desk:
         trials: By name.
         options: How they are tracked.
         jobs: How many at a time.
-        proof: What is open in the room of films: a trial that is proof-read, or films that are digitised; None: none.
+        proof: What is open in the room of videos: a trial that is proof-read, or videos that are digitised; None: none.
         draft: The skeleton that is drawn; None: none yet.
     """
 
@@ -155,11 +155,11 @@ class Desk:
             recording = trial.recording()
             found += [*recording.findings, *recording.told]
             if recording.pixels is not None and len(recording.cameras) > 1:
-                film = with_ideal_pixels(recording)
-                assert film.rows is not None
-                assert film.pixels is not None
-                found += [*film.told, *audit_points(film)[1]]
-                found += audit.audit_filmed(film.cameras, film.pixels, film.ideal_px, film.rows)
+                video = with_ideal_pixels(recording)
+                assert video.rows is not None
+                assert video.pixels is not None
+                found += [*video.told, *audit_points(video)[1]]
+                found += audit.audit_filmed(video.cameras, video.pixels, video.ideal_px, video.rows)
             elif recording.pixels is not None:
                 found += audit.pixel_findings(recording.pixels)
             elif recording.points is not None:
@@ -268,7 +268,7 @@ class Desk:
         return self.proof.info() | {"commands": commands}
 
     def opened(self) -> Proof | Session:
-        """What is open in the room of films; a MocapError where nothing is."""
+        """What is open in the room of videos; a MocapError where nothing is."""
         return _there(self.proof, Proof | Session, "open a trial first")
 
     def tracked(self) -> Proof:
@@ -276,8 +276,8 @@ class Desk:
         return _there(self.proof, Proof, "open a trial that was tracked first")
 
     def session(self) -> Session:
-        """The films that are digitised; a MocapError where none are open."""
-        return _there(self.proof, Session, "open films first: mocap digitise --web")
+        """The videos that are digitised; a MocapError where none are open."""
+        return _there(self.proof, Session, "open videos first: mocap digitise --web")
 
     def draw(self, name: str) -> dict[str, Any]:
         """Open the skeleton of a trial."""

@@ -37,7 +37,7 @@ class Draft:
         recording: Its files, without a skeleton.
         skeleton: As it is now.
         path: Where it is written.
-        pictures: Films that show the points; None: none.
+        pictures: Videos that show the points; None: none.
     """
 
     trial: str
@@ -92,7 +92,7 @@ class Draft:
         }
 
     def places(self, frame: int, camera: int | None = None) -> list[list[float] | None]:
-        """Where the points are in a frame: in a camera's picture, or in space.
+        """Where the points are in a frame: in a camera's image, or in space.
 
         In space as a share of how far they lie apart, about their middle.
         """
@@ -207,5 +207,5 @@ def open_draft(trial: Trial, path: Path) -> Draft:
     pictures = None
     with suppress(MocapError):  # what is wrong with its cameras is found by the audit
         pictures = pictures_of(recording)
-    filmed = None if pictures is None or pictures.films is None else pictures
+    filmed = None if pictures is None or pictures.videos is None else pictures
     return Draft(trial=trial.name, recording=recording, skeleton=skeleton, path=path, pictures=filmed)

@@ -82,7 +82,7 @@ class _Click(_Picture):
         size = limits_of(info)["sizes"][self.camera]
         # the centre of the first pixel is at (1, 1)
         if self.uv_px is not None and not all(0.5 <= x <= n + 0.5 for x, n in zip(self.uv_px, size, strict=True)):
-            raise ValueError(f"expected a place in the picture of {size[0]:g} x {size[1]:g} px")
+            raise ValueError(f"expected a place in the image of {size[0]:g} x {size[1]:g} px")
         return self
 
 
@@ -174,7 +174,7 @@ def desk_page(desk: Desk) -> Starlette:
 
 
 def _shell() -> Route:
-    """The page itself, whose one script begins with that of pictures (``views.js``), and alone runs."""
+    """The page itself, whose one script begins with that of images (``views.js``), and alone runs."""
     room = files("mocap.desk")
     html = (
         room.joinpath("desk.html")

@@ -40,7 +40,7 @@ class Place:
         last: Its last.
         worth_m2: Squared error that is expected in the run, summed over its frames.
         why: In a person's words.
-        camera: In whose picture; None: in any.
+        camera: In whose image; None: in any.
     """
 
     frame: int
@@ -141,7 +141,7 @@ class Proof(Pictures):
             "names": list(self.raw.names),
             "cameras": list(self.raw.camera_names),
             "sizes": self.sizes_px,
-            "films": self.films is not None,
+            "films": self.videos is not None,
             "n_frames": len(self.raw.t_s),
             "fps": self.raw.fps,
             "quantities": [] if self.result.plane is not None else list(self.result.kinematics),
@@ -149,7 +149,7 @@ class Proof(Pictures):
         }
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
-        """What is drawn over the pictures of a frame, and what is known of the marker there."""
+        """What is drawn over the images of a frame, and what is known of the marker there."""
         recording, markers = self.recording, self.tracks
         status = Status(int(markers.status[frame, marker])).name.lower()
         changed = recording.edited[frame]
@@ -199,7 +199,7 @@ class Proof(Pictures):
         return places(self.tracks, self._measured, self.recording.edited)
 
     def place(self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None) -> str:
-        """A marker is at a place of a picture, or not to be seen there (None)."""
+        """A marker is at a place of an image, or not to be seen there (None)."""
         what = {"what": "unseen"} if uv_px is None else {"what": "place", "uv_px": uv_px}
         at = {"camera": self.raw.camera_names[camera], "marker": self.raw.names[marker]}
         return self.edit(**what, **at, frame=frame + 1)
@@ -221,7 +221,7 @@ class Proof(Pictures):
         """Add a correction to the log; it is on the disk when this returns. ``settle`` solves what it touches.
 
         Args:
-            **what: Fields of ``mocap.pipeline.edits.Edit``, ``uv_px`` as the picture counts.
+            **what: Fields of ``mocap.pipeline.edits.Edit``, ``uv_px`` as the image counts.
 
         Raises:
             MocapError: it names what is not there; nothing was kept then.
@@ -311,7 +311,11 @@ class Proof(Pictures):
         c = self.raw.camera_names.index(edit.camera)
         off = float(np.linalg.norm(self.shown(c, at[c][None])[0] - self.upright(np.array(edit.uv_px))))
         believed = not off > 5 * self._sd_px  # as rays are (``mocap.cameras.triangulate.robust``)
-        return "" if believed else f"; it misses the place in {edit.camera} by {off:.0f} px: place it elsewhere, too"
+        return (
+            ""
+            if believed
+            else f"; reprojection error in {edit.camera}: {off:.0f} px: digitise it in another camera, too"
+        )
 
     @property
     def _sd_px(self) -> float:
@@ -379,7 +383,7 @@ def _user() -> str:
 
 
 def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> Proof:
-    """Open a trial for proof-reading, with its films where they lie beside its tracks."""
+    """Open a trial for proof-reading, with its videos where they lie beside its tracks."""
     edits = read_edits(log) if log.is_file() else []
     pictures = pictures_of(recording)
     solves = pictures.raw.rows is not None and not of_one_camera(pictures.raw)

@@ -1,4 +1,4 @@
-"""Films in which a person clicks and the program finds and names the rest; a click is on the disk before its answer."""
+"""Videos in which a person clicks and the program finds and names the rest; a click is stored before its answer."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from mocap.desk.pictures import drawn, ellipses, epipolar_lines, listed
 from mocap.desk.proof import Place
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
-from mocap.digitising.films import Films
+from mocap.digitising.videos import Videos
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.skeleton import Skeleton, read_skeleton
@@ -27,10 +27,10 @@ UNSEEN = "saved_not_seen.csv"
 
 @dataclass(eq=False, kw_only=True)
 class Session:
-    """What the desk's room of films works on where ``mocap digitise`` opened it.
+    """What the desk's room of videos works on where ``mocap digitise`` opened it.
 
     Attributes:
-        films: Opened films.
+        videos: Opened videos.
         cameras: Their cameras.
         skeleton: The animal.
         fps: Frames a second.
@@ -44,7 +44,7 @@ class Session:
         found: What was digitised; None: nothing yet.
     """
 
-    films: Films
+    videos: Videos
     cameras: Sequence[Camera]
     skeleton: Skeleton
     fps: float
@@ -62,9 +62,9 @@ class Session:
             "trial": self.folder.name,
             "names": list(self.skeleton.markers),
             "cameras": [camera.name for camera in self.cameras],
-            "sizes": [list(movie.size_px) for movie in self.films.movies],
+            "sizes": [list(movie.size_px) for movie in self.videos.movies],
             "films": True,
-            "n_frames": self.films.n_frames,
+            "n_frames": self.videos.n_frames,
             "frame": self.clicks[0].frame if self.clicks else 0,
             "digitise": True,
             "commands": {"proof": self.command},
@@ -78,7 +78,7 @@ class Session:
                 self.clicks,
                 names=self.skeleton.markers,
                 cameras=[camera.name for camera in self.cameras],
-                n_frames=self.films.n_frames,
+                n_frames=self.videos.n_frames,
                 fps=self.fps,
             )
             write_unseen(draft / UNSEEN, self.clicks)
@@ -150,7 +150,7 @@ class Session:
             return path.read_bytes()
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
-        """What is drawn over the pictures of a frame, and what is known of the marker there."""
+        """What is drawn over the images of a frame, and what is known of the marker there."""
         shape, matrices = (len(self.cameras), len(self.skeleton.markers)), stacked(self.cameras)
         clicked, dots, shapes = np.full((*shape, 2), np.nan), np.full((*shape, 2), np.nan), np.full((*shape, 5), np.nan)
         for click in self.clicks:
@@ -166,7 +166,7 @@ class Session:
             shapes = ellipses(matrices, tracks.xyz_m[frame], tracks.cov_m2[frame], self._as_filmed)
             sd_mm = listed(1e3 * np.sqrt(np.trace(tracks.cov_m2[frame, [marker]], axis1=1, axis2=2) / 3))
         ideal = undistorted(self.cameras, clicked[:, [marker]])[:, 0]
-        lines = epipolar_lines(matrices, ideal, [movie.size_px for movie in self.films.movies], self._as_filmed)
+        lines = epipolar_lines(matrices, ideal, [movie.size_px for movie in self.videos.movies], self._as_filmed)
         n_clicks, n_dots = (int(np.isfinite(places[:, marker, 0]).sum()) for places in (clicked, dots))
         return {
             "status": f"clicked in {n_clicks}, found in {n_dots} of {len(self.cameras)}",
@@ -179,8 +179,8 @@ class Session:
         return uv_px if lens is None else lens.distort(uv_px)
 
     def picture(self, camera: int, frame: int) -> Any:
-        """A camera's picture in a frame; None: there is none."""
-        return self.films.picture(camera, frame)
+        """A camera's image in a frame; None: there is none."""
+        return self.videos.picture(camera, frame)
 
     def places(self) -> list[Place]:
         """Clicks that are asked for, the most useful first."""
@@ -202,7 +202,7 @@ class Session:
 
 
 def open_session(
-    films: Sequence[Path],
+    videos: Sequence[Path],
     *,
     calibration: Path,
     skeleton: Path,
@@ -216,15 +216,15 @@ def open_session(
     error_px: float = 1.0,
     command: str = "",
 ) -> Session:
-    """A session on films; it goes on with the clicks of ``start``, or else with those saved in ``folder``.
+    """A session on videos; it goes on with the clicks of ``start``, or else with those saved in ``folder``.
 
     Arguments as of ``mocap.digitise``; ``command`` as of ``Session``.
 
     Raises:
-        MocapError: the films do not fit the calibration, a file cannot be read, or clicks saved in ``folder`` would be
+        MocapError: the videos do not fit the calibration, a file cannot be read, or clicks saved in ``folder`` would be
             replaced by those of ``start``.
     """
-    opened, cameras = open_with_crops(films, cameras_of(calibration, profile), crop, offset_frames)
+    opened, cameras = open_with_crops(videos, cameras_of(calibration, profile), crop, offset_frames)
     animal = read_skeleton(skeleton)
     saved = folder / SAVED
     if start is not None and saved.is_file() and not saved.samefile(start):
@@ -239,11 +239,11 @@ def open_session(
         check_clicks(clicks, (len(cameras), opened.n_frames, len(animal.markers)), empty=True)
     rate = fps or opened.movies[0].fps
     if rate is None:
-        raise MocapError("the frame rate is in no film: give `fps`")
+        raise MocapError("the frame rate is in no video: give `fps`")
 
     def track(given: list[Click]) -> Digitised:
         return digitise(
-            list(films),
+            list(videos),
             calibration=calibration,
             skeleton=animal,
             start=given,
@@ -256,7 +256,7 @@ def open_session(
         )
 
     return Session(
-        films=opened,
+        videos=opened,
         cameras=cameras,
         skeleton=animal,
         fps=float(rate),

@@ -1,4 +1,4 @@
-"""The passes over a film: forward while it is decoded, backward over the dots that were kept, and again after clicks.
+"""The passes over a video: forward while it is decoded, backward over the dots that were kept, and again after clicks.
 
 Forward, each frame's windows follow from the frames before; dots are looked for in these windows only. Backward, they
 follow from the frames before and after, so that what a crossing left open is decided by what came after it.
@@ -17,7 +17,6 @@ from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click, places
 from mocap.digitising.dots import DotLook, Grey, Strength, find_dots, look_of, strength_of
 from mocap.digitising.errors import RayErrors, lasting_covariance, ray_errors
-from mocap.digitising.films import Films, grey_levels
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, jerk_density, positioned, predicted
 from mocap.digitising.naming import MERGED, Named, seen_from, update, window_cov
@@ -25,6 +24,7 @@ from mocap.digitising.observer import APART, Observer, crowding
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
 from mocap.digitising.texture import MOST_REACH_PX, Followed, begun, followed
+from mocap.digitising.videos import Videos, grey_levels
 from mocap.errors import MocapError
 from mocap.filters.anatomy import ends_among
 from mocap.io.movies import FIRST_PIXEL
@@ -43,7 +43,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(eq=False)
 class Tracks:
-    """What is known of T frames of M markers in C cameras; grows while a film is decoded and is mended by clicks.
+    """What is known of T frames of M markers in C cameras; grows while a video is decoded and is mended by clicks.
 
     Attributes:
         dots: Of each frame (C, K, 3): recorded column and row counted as DLTdv does, and response; NaN: fewer dots.
@@ -78,10 +78,10 @@ class Tracks:
 
 @dataclass(eq=False)
 class Engine:
-    """Films, cameras and clicks, and what follows from them.
+    """Videos, cameras and clicks, and what follows from them.
 
     Attributes:
-        films: Opened films.
+        videos: Opened videos.
         cameras: C cameras of them.
         skeleton: The animal; its M markers are named.
         poses: How the animal moves; None: learned from the film itself as far as it is named.
@@ -89,7 +89,7 @@ class Engine:
         tracks: What is known so far; empty before ``decode``.
     """
 
-    films: Films
+    videos: Videos
     cameras: Sequence[Camera]
     skeleton: Skeleton
     poses: PoseGaussian | None = None
@@ -100,12 +100,12 @@ class Engine:
         """Prepare what does not change."""
         self.names = self.skeleton.markers
         self.matrices = stacked(self.cameras)
-        sizes = [movie.size_px for movie in self.films.movies]
+        sizes = [movie.size_px for movie in self.videos.movies]
         self.straight: list[Straightening] = [
             straightening_of(camera, size) for camera, size in zip(self.cameras, sizes, strict=True)
         ]
         self.sizes = sizes
-        shape = (self.films.n_frames, len(self.names))
+        shape = (self.videos.n_frames, len(self.names))
         n_cameras = len(self.cameras)
         self.tracks = Tracks(
             dots=[np.full((n_cameras, 0, 3), np.nan)] * shape[0],
@@ -151,7 +151,7 @@ class Engine:
                 best = n, frame
         if best[0] < 1:
             raise MocapError(
-                "`start`: no marker is clicked in two cameras in one frame: click each marker in two or more films of "
+                "`start`: no marker is clicked in two cameras in one frame: click each marker in two or more videos of "
                 "a frame that shows it"
             )
         frame = best[1]
@@ -194,7 +194,7 @@ class Engine:
         return np.stack([straight(uv) for straight, uv in zip(self.straight, uv_px, strict=True)])
 
     def _dots(self, pictures: "list[Grey | None]", windows: "Sequence[tuple[int, int, int, int] | None]") -> Array:
-        """(C, K, 3) dots of a frame in a window (left, top, right, bottom) of each picture; None: in all of it."""
+        """(C, K, 3) dots of a frame in a window (left, top, right, bottom) of each image; None: in all of it."""
         look = self.look
         found = []
         for picture, window in zip(pictures, windows, strict=True):
@@ -240,9 +240,9 @@ class Engine:
             t.crowding[frame][camera, k] = point.sd_px
 
     def _forget_texture(self, camera: int, marker: int) -> list[int]:
-        """Drop where a marker's texture was found in a film; the frames that it was found in."""
+        """Drop where a marker's texture was found in a video; the frames that it was found in."""
         t, out = self.tracks, []
-        for frame in range(self.films.n_frames):
+        for frame in range(self.videos.n_frames):
             k = t.owner[frame][camera] == marker
             if np.isfinite(t.dots[frame][camera, k, 0]).any():
                 t.dots[frame][camera, k], t.ideal[frame][camera, k] = np.nan, np.nan
@@ -256,7 +256,7 @@ class Engine:
         return np.where(self.tracks.owner[frame] < 0, self.observer.sd_px * factor, factor)
 
     def _windows(self, state: State) -> "list[tuple[int, int, int, int] | None]":
-        """The part of each picture in which markers are expected; None: anywhere."""
+        """The part of each image in which markers are expected; None: anywhere."""
         uv, jacobian = seen_from(self.matrices, state.xyz_m)
         s = window_cov(jacobian, state.cov_m2, self.observer.sd_px)
         reach = 4.0 * np.sqrt(np.maximum(s[..., 0, 0], s[..., 1, 1]))
@@ -301,13 +301,13 @@ class Engine:
         return np.where(self.tracks.owner[frame] < 0, self.strength.faintness(found), 0.0)
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
-        """Decode the films once: forward pass and dots; then the backward pass.
+        """Decode the videos once: forward pass and dots; then the backward pass.
 
         Raises:
             MocapError: there are no clicks to begin with.
         """
         start, xyz, cov = self.first_points()
-        n = self.films.n_frames
+        n = self.videos.n_frames
         if self.look is None:
             self.look = self._look(start)
         if self.look is not None:
@@ -317,7 +317,7 @@ class Engine:
             self.strength = Strength(log_median=usual, log_sd=np.full(n_cameras, 0.25))  # before it is measured
         state: State | None = None
         waiting: list[int] = []
-        for frame, pictures in enumerate(self.films.pictures()):
+        for frame, pictures in enumerate(self.videos.pictures()):
             progress("finding and naming dots", frame / n)
             if state is None:
                 self._keep(frame, self._dots(pictures, [None] * len(pictures)))
@@ -340,7 +340,7 @@ class Engine:
         if start and self.observer.textured.any():
             self._follow_from([c for c in self.by_frame[start] if self.observer.textured[c.marker]], ahead=False)
         self._backward(n - 1, 0, None, progress=progress)
-        # once more over the dots, with the poses of the whole film and the noise as it was found
+        # once more over the dots, with the poses of the whole video and the noise as it was found
         self._estimate_sd(start)
         if self.own_poses:
             self.learn_poses()
@@ -354,7 +354,7 @@ class Engine:
             uv = self._clicked(frame)
             for c in range(len(self.cameras)):
                 there = np.flatnonzero(np.isfinite(uv[c, :, 0]))
-                picture = self.films.picture(c, frame) if len(there) else None
+                picture = self.videos.picture(c, frame) if len(there) else None
                 if picture is not None:
                     pictures.append(picture)
                     places.append(uv[c, there] - FIRST_PIXEL)
@@ -412,7 +412,7 @@ class Engine:
         for click in clicks:
             if click.uv_px is None or not self.observer.textured[click.marker]:
                 continue
-            picture = self.films.picture(click.camera, click.frame)
+            picture = self.videos.picture(click.camera, click.frame)
             if picture is None:
                 continue
             c, m = click.camera, click.marker
@@ -436,13 +436,13 @@ class Engine:
         return out
 
     def _one_film(self, camera: int, frame: int, ahead: bool) -> "Iterator[tuple[int, Grey]]":
-        """Frames and pictures of one film after a frame, or before it from the last to the first; a few in memory."""
-        offset = self.films.offset_frames[camera]
+        """Frames and images of one video after a frame, or before it from the last to the first; a few in memory."""
+        offset = self.videos.offset_frames[camera]
         step = _PIECE if ahead else -_PIECE
         begin = frame + 1 if ahead else frame
-        while 0 < begin <= self.films.n_frames - ahead:
-            block = np.arange(*sorted((begin, np.clip(begin + step, 0, self.films.n_frames))))
-            found = self.films.movies[camera].frames(block + offset)
+        while 0 < begin <= self.videos.n_frames - ahead:
+            block = np.arange(*sorted((begin, np.clip(begin + step, 0, self.videos.n_frames))))
+            found = self.videos.movies[camera].frames(block + offset)
             pictures = [(int(at), grey_levels(x)) for at, x in zip(block, found, strict=True) if x is not None]
             yield from pictures if ahead else pictures[::-1]
             begin += step
@@ -456,7 +456,7 @@ class Engine:
             state = first_state(xyz, cov, speed)
             self.density = density
             trial, rays = state, 0.0
-            for frame in range(start, min(start + _TRIAL_FRAMES, self.films.n_frames)):
+            for frame in range(start, min(start + _TRIAL_FRAMES, self.videos.n_frames)):
                 if frame > start:
                     trial = self._ahead(trial)
                 named, trial = self._observed(frame, trial)
@@ -464,7 +464,7 @@ class Engine:
             if best is None or rays > 1.02 * best[0]:
                 best = rays, state, density
         if best is None:
-            raise MocapError("the films have no frame in step: check `offset_frames`")
+            raise MocapError("the videos have no frame in step: check `offset_frames`")
         self.density = best[2]
         return best[1]
 
@@ -640,7 +640,7 @@ class Engine:
 
     def _about(self, first: int, last: int, within: bool) -> tuple[int, int]:
         """Both passes from a range of frames on, until they come to what they were."""
-        t, n = self.tracks, self.films.n_frames
+        t, n = self.tracks, self.videos.n_frames
         begun = np.flatnonzero(np.isfinite(np.asarray(t.forward)[:, 0, 0]))
         begin = max(first, int(begun[0])) if len(begun) else n
         state = unpacked(t.forward[begin]) if begin < n else None
@@ -675,7 +675,7 @@ class Engine:
             return
         start = int(np.argmax(begun))
         state = unpacked(self.tracks.forward[start])
-        n, stage = self.films.n_frames, "once more with all poses"
+        n, stage = self.videos.n_frames, "once more with all poses"
         for frame in range(start, n):
             progress(stage, 0.5 * (frame - start) / (n - start))
             self.density = self.tracks.density[frame]
@@ -695,7 +695,7 @@ class Engine:
     def _estimate_sd(self, first: int) -> None:
         """Standard deviation of a dot, from how the rays of named dots meet, and what of their errors lasts."""
         camera = np.arange(len(self.cameras))[:, None]
-        n = self.films.n_frames
+        n = self.videos.n_frames
         # pieces of frames that follow one another
         begins = np.unique(np.linspace(first, max(first, n - _PIECE), _PIECES).astype(int))
         frames = np.unique(np.minimum(begins[:, None] + np.arange(_PIECE), n - 1))
@@ -724,7 +724,7 @@ class Engine:
         """Errors of textures last: what a template misses by is missed again.
 
         Their size is that of how rays meet, but at least 1.5 of what is stated of each: what passes by
-        pulls a point in all films alike.
+        pulls a point in all videos alike.
         """
         textured, n = self.observer.textured, len(self.names)
         own = [self._sd_px(frame)[(self.tracks.owner[frame] >= 0)] for frame in frames.tolist()]

@@ -52,7 +52,7 @@ def seen_from(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
 
 
 def window_cov(jacobian: Array, cov_m2: Array, sd_px: float) -> Array:
-    """(C, M, 2, 2) covariance of where markers are in the pictures, the error of a dot included."""
+    """(C, M, 2, 2) covariance of where markers are in the images, the error of a dot included."""
     s = jacobian @ cov_m2 @ np.swapaxes(jacobian, -1, -2)
     s[..., 0, 0] += sd_px**2
     s[..., 1, 1] += sd_px**2
@@ -90,7 +90,7 @@ def name_dots(
         xyz_m: (M, 3) predicted positions.
         cov_m2: (M, 3, 3) covariances of the predictions.
         sd_px: (C, K) standard deviation of each dot's coordinate.
-        reach_px: Markers that are predicted closer to each other in a picture than this may be one dot there.
+        reach_px: Markers that are predicted closer to each other in an image than this may be one dot there.
         clicked_dots: (C, M) dots whose marker is known, by a click; -1: not.
         clicks: (C, M, 2) places that a person clicked where there is no dot; NaN: none.
         barred: (C, M) True where a person said that the marker is not to be seen.

@@ -51,8 +51,8 @@ def report_of(engine: Engine, error_px: float) -> Report:
         "frames": n_frames,
         "markers": n_markers,
         "cameras": len(engine.cameras),
-        "films": [movie.path.name for movie in engine.films.movies],
-        "offset_frames": list(engine.films.offset_frames),
+        "films": [movie.path.name for movie in engine.videos.movies],
+        "offset_frames": list(engine.videos.offset_frames),
         "clicks": sum(click.uv_px is not None for click in engine.clicks),
         "not_to_be_seen": sum(click.uv_px is None for click in engine.clicks),
         "clicks_per_100": 100 * len(engine.clicks) / max(n_frames * n_markers, 1),
@@ -85,7 +85,7 @@ def _dots(report: Report) -> list[str]:
     if isinstance(bare, list) and bare:
         found.append(
             f"No dot was found where {', '.join(bare)} {'was' if len(bare) == 1 else 'were'} clicked: followed by "
-            "texture. If there are dots, the clicks do not belong to these films, or count rows from the lower left "
+            "texture. If there are dots, the clicks do not belong to these videos, or count rows from the lower left "
             "corner."
         )
     return found
@@ -95,14 +95,14 @@ def report_text(report: Report, questions: Sequence[Question], names: Sequence[s
     """The report as markdown."""
     found = report["markers_found"]
     lines = [
-        "# Digitised films",
+        "# Digitised videos",
         "",
         f"{report['frames']} frames of {report['cameras']} cameras, {report['markers']} markers; {report['clicks']} "
         f"clicks ({report['clicks_per_100']:.2f} a 100 marker-frames), {report['not_to_be_seen']} answers 'not to be "
         "seen'.",
         *_dots(report),
         f"{100 * float(str(report['known_well_enough'])):.1f} % of all positions are known to "
-        f"{report['error_px']:g} px (standard deviation in every picture).",
+        f"{report['error_px']:g} px (standard deviation in every image).",
         "",
         "| marker | in two cameras or more % | known well enough % | doubtful frames |",
         "|---|---|---|---|",
@@ -135,7 +135,7 @@ def write_digitised(
     write_pixels(folder / "xypts.csv", pixels)
     write_points(folder / "xyzpts.csv", points, sd=True)
     n_frames = len(pixels.t_s)
-    offsets = np.broadcast_to(np.array(engine.films.offset_frames, dtype=float), (n_frames, len(engine.cameras)))
+    offsets = np.broadcast_to(np.array(engine.videos.offset_frames, dtype=float), (n_frames, len(engine.cameras)))
     write_table(folder / "offsets.csv", [f"cam{c}_offset" for c in range(1, offsets.shape[1] + 1)], offsets)
     write_coefficients(folder / "dltCoefs.csv", engine.cameras)
     sized = all(camera.size_px is not None for camera in engine.cameras)

@@ -223,7 +223,7 @@ def write_lenses(path: Path, lenses: Sequence[KnownLens]) -> None:
     """Write lenses.
 
     Raises:
-        FormatError: one has no picture size.
+        FormatError: one has no image size.
     """
     place = {"rotation": np.eye(3), "translation_m": np.zeros(3)}
     write_calibration(

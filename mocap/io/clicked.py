@@ -1,4 +1,4 @@
-"""Known points of a scene, and where they were clicked in the picture of each camera."""
+"""Known points of a scene, and where they were clicked in the image of each camera."""
 
 import csv
 import re
@@ -43,7 +43,7 @@ def read_scene(path: Path, unit: str | None) -> tuple[list[str], Array]:
 def read_clicks(path: Path, cameras: Sequence[str], points: Sequence[str]) -> Array | None:
     """Pixels (C, P, 2) of points in cameras; NaN where not clicked.
 
-    Two tables are known: ``camera,point,x,y``, a row a click; and a row a point, ``[point,]left_x,left_y,right_x,...``
+    Two tables are known: ``camera,point,x,y``, one row for each; and one row per point, ``[point,]left_x,left_y,...``
     with the names of the cameras or their numbers (``cam1_x``).
 
     Returns:
@@ -59,7 +59,9 @@ def read_clicks(path: Path, cameras: Sequence[str], points: Sequence[str]) -> Ar
     if where is not None:
         axes = {"xyuv".index(m[2].lower()) % 2: i for i, m in found if not m[1]}
         if len(axes) != 2 or named is None:
-            raise FormatError(f"{path.name}: columns {', '.join(titles[:8])}; expected camera,point,x,y: a row a click")
+            raise FormatError(
+                f"{path.name}: columns {', '.join(titles[:8])}; expected camera,point,x,y: one row for each"
+            )
         for i, row in enumerate(rows):
             c = _index(path, "camera", row[where], cameras, i)
             p = _index(path, "point", row[named], points, i)

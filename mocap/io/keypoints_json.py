@@ -141,7 +141,7 @@ def _content(path: Path) -> str:
     if not inside:
         return " with nothing in it"
     more = f", ... ({len(inside)} in all)" if len(inside) > 3 else ""
-    return f" without poses (JSON, a file a frame); in it: {', '.join(inside[:3])}{more}"
+    return f" without poses (JSON, one file per frame); in it: {', '.join(inside[:3])}{more}"
 
 
 def read_folder(path: Path) -> FileContents:
@@ -203,7 +203,7 @@ def _is_poses(head: Head) -> bool:
 FORMATS = (
     Format(
         name="pose-json",
-        title="poses of OpenPose, RTMPose or MediaPipe (JSON, a file a frame)",
+        title="poses of OpenPose, RTMPose or MediaPipe (JSON, one file per frame)",
         knows=_is_poses,
         read=lambda path, _: read_folder(path),
     ),

@@ -91,12 +91,12 @@ _SUFFIXES = {
 KIND = 3.0
 """What a word for the kind of file counts, beside 1 or 2 for another word."""
 _MAGIC = (
-    (b"\xff\xd8\xff", "a JPEG picture"),
-    (b"\x89PNG", "a PNG picture"),
+    (b"\xff\xd8\xff", "a JPEG image"),
+    (b"\x89PNG", "a PNG image"),
     (b"%PDF", "a PDF document"),
     (b"PK\x03\x04", "a ZIP archive (or an Office document)"),
     (b"\x1f\x8b", "a gzip archive"),
-    (b"RIFF", "an AVI film or a WAV sound"),
+    (b"RIFF", "an AVI video or a WAV sound"),
     (b"SQLite format", "an SQLite database"),
     (b"\x80", "a Python pickle"),
 )
@@ -109,7 +109,7 @@ def looks_like(head: Head) -> str:
     if head.mat:
         return f"a MATLAB file with {', '.join(sorted(head.mat)[:6])}"
     if head.start[4:8] == b"ftyp":
-        return "an MP4 or MOV film"
+        return "an MP4 or MOV video"
     magic = next((name for start, name in _MAGIC if head.start.startswith(start)), None)
     if magic is not None:
         return magic

@@ -237,7 +237,7 @@ class LongTable:
         ]
         if lacking or first is None:
             what = f"no column {lacking[0]}" if lacking else "no rows"
-            raise FormatError(f"{self.path.name}: {what}; expected positions, a row a frame and marker")
+            raise FormatError(f"{self.path.name}: {what}; expected positions, one row per frame and marker")
         return file.metadata.num_rows, first["frame"][0].as_py()
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""The whole design of a joint: truss, checks and parts, as the report and the pictures show them."""
+"""The whole design of a joint: truss, checks and parts, as the report and the images show them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -21,7 +21,7 @@ DPI = 110
 
 
 def write_design(design: JointDesign, folder: Path, *, write_recording: Callable[[JointDesign, Path], None]) -> None:
-    """Write ``report.json``, ``report.md``, ``recording.rrd``; of planar trusses pictures, of printed ones the parts.
+    """Write ``report.json``, ``report.md``, ``recording.rrd``; of planar trusses images, of printed ones the parts.
 
     ``potential_and_energy.png``, ``motion.png``, ``drawing.png`` and ``.svg``; ``parts/*.stl`` and ``assembly.3mf``.
 

@@ -1,4 +1,4 @@
-"""Figures of one film: paths of markers in its picture, and their coordinates over time."""
+"""Figures of one video: paths of markers in its image, and their coordinates over time."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ def plane_pictures(run: Recording) -> Iterator[Picture]:
     unit, filled = run.plane.unit, np.isin(markers.status, (Status.SMOOTHED, Status.PREDICTED))
     yield Picture(
         name="paths",
-        caption="Paths in the picture, rows downwards; thin grey where filled.",
+        caption="Paths in the image, rows downwards; thin grey where filled.",
         figure=_paths(xy, filled, markers.names, unit).figure,
     )
     most = np.argsort(-(markers.status == Status.MEASURED).sum(axis=0), kind="stable")[: len(COLOURS)]

@@ -69,7 +69,7 @@ def reproduce(
     spans_s: Sequence[float] = fig_penalty.SPANS_S,
     recordings: bool = False,
 ) -> list[Verdict]:
-    """Figures of the EAL paper as pictures, tables and verdicts.
+    """Figures of the EAL paper as images, tables and verdicts.
 
     Writes ``fig<NAME>.png`` and ``fig<NAME>.csv`` (``theorem1.png`` ...), ``verdicts.json`` and ``figures.md``, which
     says of every figure of the paper which file it is in, or where else it is. One BLAS thread: the matrices are small.
@@ -85,7 +85,7 @@ def reproduce(
         flights_deg: (N, 1) angles of the elbow of ``bat`` and ``lizard``, a trial each, for figure 8; None: the
             built-in animals.
         spans_s: Spans of the samples of figure 19a, in seconds; the paper gives none.
-        recordings: Whether to film, convert and track the pendulums and the lizard's wrist as well: ``13_recorded``,
+        recordings: Whether to video, convert and track the pendulums and the lizard's wrist as well: ``13_recorded``,
             ``19_recorded``, ``20_recorded``, some minutes.
 
     Returns:
@@ -146,7 +146,7 @@ def _order(name: str) -> tuple[int, str]:
 
 
 def write_figure(figure: Figure, out: Path) -> None:
-    """Picture and table of one figure."""
+    """Image and table of one figure."""
     canvas = Canvas(figsize=(6.4, 4.6), dpi=110, layout="constrained")
     FigureCanvasAgg(canvas)
     figure.draw(canvas)

@@ -190,7 +190,7 @@ _STATES = np.array(["", *paths.ORIGINS])
 
 
 def log_gap_map(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
-    """A picture of the class of every sample, a row a marker.
+    """An image of the class of every sample, a row a marker.
 
     Where there are more frames than columns, a column shows the last class of ``paths.ORIGINS`` among its frames: one
     rejected sample or a short gap is not lost.

@@ -65,7 +65,7 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
         if len(recording) > LARGEST_MB * 1e6 * 4 / 3:
             raise OutputError(
                 f"the recording takes {len(recording) * 0.75e-6:.0f} MB compressed, and a page holds {LARGEST_MB:.0f} "
-                "MB at most: share a stretch of it (mocap view --frames), or a run without films"
+                "MB at most: share a stretch of it (mocap view --frames), or a run without videos"
             )
         text, script, wasm = fetched_viewer()
     title = html.escape(", ".join(run_names(runs)))

@@ -120,8 +120,9 @@ class Tracked(Recording):
 
     @cached_property
     def joints(self) -> Mapping[str, Joint]:
-        """The joints of the skeleton; none where no skeleton was given."""
-        return {joint.name: self._joint(joint.name) for joint in self.skeleton.joints}
+        """The joints of the skeleton that were tracked; none where no skeleton was given."""
+        tracked = self.data["joint"].values.tolist() if "joint" in self.data.coords else []
+        return {joint.name: self._joint(joint.name) for joint in self.skeleton.joints if joint.name in tracked}
 
     @cached_property
     def moments(self) -> Kinematics:
@@ -131,21 +132,23 @@ class Tracked(Recording):
         nor while a foot stands; ``notes`` says which joints were left out and why (``mocap.kinematics.moments``).
 
         Raises:
-            MocapError: the recording is one film, in the plane of its picture.
+            MocapError: the recording is one video, in the plane of its image.
         """
         self.in_space("moments")
         return moments(self.motion, self.skeleton, steps=self.footfalls, recording=self.name)
 
     def _joint(self, name: str) -> Joint:
-        markers, q_m = self.tracks, {frame: self.joints_m(frame)[name] for frame in FRAMES}
+        markers = self.tracks
+        q_m = {frame: of[name] for frame in FRAMES if (of := self.joints_m(frame))}
         joint = next(j for j in self.skeleton.joints if j.name == name)
+        there = np.isfinite(next(iter(q_m.values()))[:, 0])
         three = [markers.names.index(m) for m in (joint.parent, joint.centre, joint.child)]
         return Joint(
             name=name,
             t_s=self.t_s,
             q_m=q_m,
             sd_m=self.data["joint_sd"].sel(joint=name).values,
-            filled=np.isfinite(q_m["world"][:, 0]) & (markers.status[:, three] != Status.MEASURED).any(axis=1),
+            filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
     def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential:
@@ -335,7 +338,7 @@ class Tracked(Recording):
         """The same, with movies to be shown under its tracks.
 
         Args:
-            movies: A movie or a folder of pictures a camera, in the order of the cameras; or one folder that holds
+            movies: A movie or a folder of images a camera, in the order of the cameras; or one folder that holds
                 them, sorted by name; or movies that are open.
             offset_frames: Frame of the movie minus frame of the tracks: one for all, or one a camera; None: as the
                 project, or the offsets file beside the tracks, says.

@@ -3,7 +3,7 @@
 A server on 127.0.0.1 is reached by every user of the computer, and by every web page that its browser shows. So the
 address holds a random token, as the first part of its path. It is neither a cookie nor a parameter: browsers send the
 cookies of 127.0.0.1 to the servers of all its ports, those of other users too, whereas a path is carried on by relative
-addresses in whatever a page loads (pictures, frames, scripts, WebSockets), to this server alone. It leaves the browser
+addresses in whatever a page loads (images, frames, scripts, WebSockets), to this server alone. It leaves the browser
 with no request to another host (``Referrer-Policy``), and is written to no log.
 """
 

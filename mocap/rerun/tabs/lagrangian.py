@@ -40,7 +40,7 @@ def tab(layout: Layout) -> rrb.Container | None:
 def valley_view(layout: Layout) -> rrb.View:
     """V_z and its bound, as far as that is near."""
     _, value, bound = layout.run.data["energies"].values.T
-    near = bound < 3.0 * max(1.0, *value[np.isfinite(value)])  # the rest is out of the picture
+    near = bound < 3.0 * max(1.0, *value[np.isfinite(value)])  # the rest is out of the image
     what = ", and what it would stay below if the animal were let go at this instant (Theorem 3, grey)"
     if not near.any():
         finite = bound[np.isfinite(bound)]

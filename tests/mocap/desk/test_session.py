@@ -20,12 +20,12 @@ from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
 from mocap.web import page, served
 from tests.mocap.desk.conftest import client, requests_of, until
-from tests.mocap.digitising.filmed import NAMES, SIZE, film
+from tests.mocap.digitising.filmed import NAMES, SIZE, video
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return film(tmp_path_factory.mktemp("page"), 12)
+    return video(tmp_path_factory.mktemp("page"), 12)
 
 
 # where each press of the mouse arrived, from the middle of its canvas, in pixels of the screen

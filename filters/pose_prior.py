@@ -11,7 +11,7 @@ from mocap.filters.motion.bones import Bones
 from mocap.filters.poses import LEAST_KNOWN, MarkerTrial, poses_of
 from mocap.filters.size import LEAST, log_distances, sized_like
 from mocap.filters.subspace import principal_components, structure
-from mocap.filters.whittaker import smooth_series
+from mocap.filters.whittaker import fastest_hz, smooth_series
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -165,7 +165,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, whole: P
     basis, _, _ = np.linalg.svd(found.loading, full_matrices=False)
     known = np.split(found.known, cuts)
     smooth = [
-        smooth_series(z, np.maximum(k, 1e-3), dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
+        smooth_series(z, np.maximum(k, 1e-3), dt_s=dt_s, cutoff_hz=fastest_hz(dt_s))
         for z, k in zip(np.split(found.scores @ found.loading.T @ basis, cuts), known, strict=True)
     ]
     keep = [k >= min(LEAST_KNOWN, np.median(k)) for k in known]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from mocap.filters.body_axes import BodyFrames, body_frames, trunk_shape
 from mocap.filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
-from mocap.filters.whittaker import smooth_series
+from mocap.filters.whittaker import fastest_hz, smooth_series
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -123,7 +123,6 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
         ranks: Ranks to choose from, on hidden samples (``fit_subspace``).
     """
     dt_s = trials[0].dt_s
-    cutoff = min(30.0, 0.2 / dt_s)  # Hz: faster motion of the shape is taken for noise
     lengths = [len(trial.y) for trial in trials]
     member = np.repeat(np.arange(len(trials)), lengths)
     y = np.concatenate([trial.y for trial in trials])
@@ -131,7 +130,9 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
     sd = np.concatenate([trial.sd_m for trial in trials])
     subspace, found, z = fit_subspace(y, ranks=ranks, block=block, rng=np.random.default_rng(0), trial=member, sd=sd)
     cuts = np.cumsum(lengths)[:-1]
-    smooth = [smooth_series(part, np.ones(len(part)), dt_s=dt_s, cutoff_hz=cutoff) for part in np.split(z, cuts)]
+    smooth = [
+        smooth_series(part, np.ones(len(part)), dt_s=dt_s, cutoff_hz=fastest_hz(dt_s)) for part in np.split(z, cuts)
+    ]
     rate = [_derivative(part, dt_s) for part in smooth]
     left = np.where(np.isfinite(y), y - found.poses, np.nan)
     count = np.array([np.isfinite(trial.y).sum(axis=0) for trial in trials])

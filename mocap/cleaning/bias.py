@@ -15,8 +15,7 @@ from mocap.cameras.camera import project
 from mocap.cameras.normal_equations import fit, linearise
 from mocap.cameras.triangulate import linear, pixel_sd, refine, residual_px
 from mocap.cleaning.click_noise import SHRINK
-from mocap.filters.models.constant_velocity import fastest_hz
-from mocap.filters.whittaker import smooth_series, smoother
+from mocap.filters.whittaker import fastest_hz, smooth_series, smoother
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -227,7 +227,7 @@ def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -
     if not trunk or not np.isfinite(trial.xyz_m[:, trunk]).any():
         return []
     dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
-    axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s, cutoff_hz=30.0).rotation  # as of joint coordinates
+    axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s).rotation
     return articulation(names, trial.xyz_m, trial.sd_m, axes, trunk=skeleton.trunk, bones=skeleton.rigid)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from mocap.filters.bones import rigid_bones
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
 from mocap.filters.motion.bones import Bones
-from mocap.filters.poses import LEAST_KNOWN, MarkerTrial, poses_of
+from mocap.filters.poses import LEAST_KNOWN, MATERN_3_2_HALF, MarkerTrial, poses_of
 from mocap.filters.size import LEAST, log_distances, sized_like
 from mocap.filters.subspace import principal_components, structure
 from mocap.filters.whittaker import fastest_hz, smooth_series
@@ -180,8 +180,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, whole: P
     if whole is None:
         apart = parts if len(parts) > 1 else np.array_split(y[np.isfinite(y).any(axis=1)], 2)
         left = left_over(apart, rank)
-        # (1 + s) exp(-s) is a half at s = 1.6783 (Matern 3/2)
-        left_sd, decay = np.repeat(marker_sd(left), 3), float(np.exp(-1.6783 * dt_s / half_life_s(left, dt_s)))
+        left_sd, decay = np.repeat(marker_sd(left), 3), float(np.exp(-MATERN_3_2_HALF * dt_s / half_life_s(left, dt_s)))
     else:
         left_sd, decay = whole.left_sd, whole.left_decay
     unseen = float(np.mean(unseen_potential(shapes)))

@@ -11,7 +11,7 @@ from mocap.filters.models.pose import PoseSettings, unseen_potential
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.lagrangian import LagrangianMotion
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.poses import MATERN_HALF
+from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF
 from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
@@ -79,7 +79,7 @@ def with_lagrangian(
     """
     bodies = bodies_of(model, anatomy, trunk)
     arm, basis, own = model.arm_m, model.subspace.basis, model.subspace.residual_sd
-    rate = 1.6783 / MATERN_HALF * model.residual_rate_hz  # at which a Matern-3/2 process is as correlated
+    rate = MATERN_3_2_HALF / MATERN_HALF * model.residual_rate_hz  # at which a Matern-3/2 process is as correlated
     count = len(arm)
     rest = model.subspace.mean / arm
     root = np.linalg.cholesky(inner_mass(bodies, rest)).T

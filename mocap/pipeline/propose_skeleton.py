@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.filters.body_axes import body_frames
-from mocap.filters.bones import learn_bones
+from mocap.filters.bones import RIGID, learn_bones
 from mocap.filters.joint_types import Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
@@ -27,10 +27,8 @@ from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names, number_of
 
-RIGID = 0.05
-"""Largest variation of a rigid bone relative to its length, as where models look for bones (``filters.bones``)."""
-SOFT = 0.10
-"""The same of a bone that is proposed as soft."""
+SOFT = 2 * RIGID
+"""Bones that vary by no more are proposed as soft ones."""
 
 Pair = tuple[int, int]
 

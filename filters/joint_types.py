@@ -12,6 +12,8 @@ from mocap.filters.poses import FEWEST_FRAMES
 from eal.arrays import Array
 
 JointType = Literal["ball", "universal", "hinge", "fixed"]
+MOVES_DEG = 10.0
+"""A joint whose angle has a smaller range, from the 5th to the 95th percentile, does not move. Chosen, not measured."""
 STRAIGHT_DEG = 15.0
 """Two segments that bend by less have no plane that shows how the first is turned about its axis.
 Chosen: the plane turns by 1 / sin 15 = 4 times what a direction errs by."""
@@ -130,7 +132,9 @@ def _joint(
         else:
             local = _local(along, body[:, before] - body[:, second], segment)
     spread, principal = _ranges_deg(local)
-    moves = spread >= max(10.0, 4.0 * noise_deg / 3.3)  # 4 SD: a normal law has 3.3 from the 5th to the 95th percentile
+    moves = spread >= max(
+        MOVES_DEG, 4.0 * noise_deg / 3.3
+    )  # 4 SD: a normal law has 3.3 from the 5th to the 95th percentile
     kind: JointType = ("fixed", "hinge", "universal")[int(moves.sum())]
     if before is None and kind == "universal" and twist:
         kind = "ball"

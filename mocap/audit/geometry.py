@@ -115,7 +115,7 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     jitter = _jitter(ideal_px)
     if whole <= max(LARGE_PX, CLEAR_SD * jitter):  # as near as careless clicks let rays meet
         return []
-    if whole > 0.02 * extent:  # 20 px of 1000: no camera of the pixels' own misses by so much; chosen
+    if whole > 0.02 * extent:  # 20 px of 1000; chosen
         cropped = may_be_cropped(cameras, ideal_px)
         return [
             Finding(
@@ -245,7 +245,7 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
         return []
     best = minimize_scalar(miss, bounds=(grid[at - 1], grid[at + 1]), method="bounded", options={"xatol": 1e-3})
     # by chance it falls by 1.1 % (200 recordings); errors of focal lengths of 0.5 % look like pincushion distortion,
-    # and lower it by as much (docs/experiments/audit_measured.md); 0.02 moves the edge of a picture by less than clicks err
+    # and lower it by as much (docs/experiments/audit_measured.md)
     if best.fun * (1.1 if best.x < 0 else CLEARLY) > plain or abs(best.x) < 0.02:
         return []
     return [

@@ -234,7 +234,7 @@ def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]
         f"{n} {d:+.2f} ± {s:.2f}" for n, d, s in zip(names, found.offset_frames, found.sd_frames, strict=True)
     )
     clear = (np.abs(found.offset_frames) > np.maximum(CLEAR_SD * found.sd_frames, LEAST_FRAMES)) & (
-        found.after_px < 0.95 * found.before_px  # errors that slowly vary look like offsets that help less; chosen
+        found.after_px < 0.95 * found.before_px  # chosen, not measured
     )
     if not clear.any():
         return [

@@ -13,7 +13,7 @@ from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.filters.body_axes import body_frames
 from mocap.filters.bones import RIGID, learn_bones
-from mocap.filters.joint_types import Articulation, articulation, undetermined
+from mocap.filters.joint_types import MOVES_DEG, Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
@@ -356,7 +356,7 @@ def _joints(
         if len(angle) < 2:
             continue
         low, high = np.quantile(angle, [0.05, 0.95])
-        if high - low < max(10.0, 4 * noise):  # from the 5th to the 95th percentile
+        if high - low < max(MOVES_DEG, 4 * noise):
             shown = ", ".join(quoted(names[m]) for m in (parent, centre, child))
             stiff.append(
                 f"Not proposed, because the angle changes by {max(high - low, noise):.0f} degrees or less: {shown}"

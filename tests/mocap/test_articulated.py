@@ -81,11 +81,12 @@ def test_a_bone_that_changes_length_is_doubted_with_its_number():
 
 
 def test_where_a_bone_is_doubted_and_a_limb_straight():
-    """A bone by more than 5 % of its length; an elbow by less than 15 degrees; 20 frames are two independent ones."""
+    """By 5 % of its length; below 15 degrees; a joint that moves by 10; and 20 frames, which are two independent ones."""
     steady, slips = ([*undetermined(found(slip=share * np.sqrt(2) * LENGTHS[1]))] for share in (0.042, 0.058))
     assert not any("stated as rigid" in s for s in steady)
     assert any("stated as rigid" in s for s in slips)
     assert [found(elbow_deg=deg, swing_rad=0.0)[0].straight for deg in (12.5, 17.5)] == [1.0, 0.0]
+    assert [found(wrist=(deg, 0.0))[2].kind for deg in (4.3, 5.8)] == ["fixed", "hinge"]  # 8.5 and 11.5 degrees
     assert (len(found(n=19)), len(found(n=20))) == (0, 3)
 
 

@@ -81,7 +81,7 @@ def test_a_bone_that_changes_length_is_doubted_with_its_number():
 
 
 def test_where_a_bone_is_doubted_and_a_limb_straight():
-    """By 5 % of its length; below 15 degrees; a joint that moves by 10; and 20 frames, which are two independent ones."""
+    """By 5 % of its length, and below 15 degrees; a joint moves from 10; 20 frames are two independent ones."""
     steady, slips = ([*undetermined(found(slip=share * np.sqrt(2) * LENGTHS[1]))] for share in (0.042, 0.058))
     assert not any("stated as rigid" in s for s in steady)
     assert any("stated as rigid" in s for s in slips)

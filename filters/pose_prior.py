@@ -20,7 +20,8 @@ from eal import EmpiricalPotential
 from eal.arrays import Array
 
 LEAST_MARKERS = 4
-"""Markers that a frame must show: a pose has six numbers of place and orientation, a ray two."""
+"""Markers that a frame must show: a pose has six numbers of place and orientation, a ray two, and
+three rays leave up to four poses (Grunert 1841)."""
 
 
 class Hold(Protocol):

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 LEAST = 0.02
-"""Sizes that differ by less, or by less than twice what their estimate errs by, count as equal."""
+"""Sizes that differ by less, or by less than twice what their estimate errs by, count as equal. Chosen,
+not measured."""
 
 
 def relative_size(trial: MarkerTrial, other: MarkerTrial) -> tuple[float, float]:

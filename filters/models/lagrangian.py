@@ -19,9 +19,11 @@ from eal import EmpiricalPotential, RotationKernel
 from eal.arrays import Array
 
 FLESH = 0.3
-"""Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest."""
+"""Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest.
+Chosen on one flight of a bat (docs/experiments/joints_measured.md)."""
 CHARGED = 0.1
-"""An unseen pose of the same motion is charged so much of the mean kinetic energy."""
+"""An unseen pose of the same motion is charged so much of the mean kinetic energy. Of 0.03, 0.1 and 0.3
+chosen on one flight of a bat (docs/experiments/joints_measured.md)."""
 
 
 def bodies_of(model: ArticulatedMotion, anatomy: Anatomy, trunk: float) -> Bodies:

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from eal.arrays import Array, skew
 
 BENT_RAD = 0.1
-"""Rotations by less than so many radians move markers along nearly straight lines."""
+"""Rotations by less than so many radians move markers along nearly straight lines: off them by
+1 - cos 0.1 = 0.5 % of the segment."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -8,6 +8,7 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,38 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES, SHIPPED = ("mocap", "eal", "filters", "datasets"), (".py", ".toml", ".html", ".typed")
 
 
+OTHERS = ("deeplabcut>=3", "movement", "sleap-io", "napari")
+
+
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
+def beside(tmp_path_factory):
+    """What a package index says of one environment with all of them and us, asked while the other tests go on."""
+    wanted = tmp_path_factory.mktemp("beside") / "others.in"
+    wanted.write_text("\n".join(OTHERS) + "\n")
+    uv = [sys.executable, "-m", "uv", "pip", "compile", "--no-header", "--no-annotate", "--python-version", "3.12"]
+    with ThreadPoolExecutor() as pool:
+        yield pool.submit(from_the_index, [*uv, "--all-extras", ROOT / "pyproject.toml", wanted], "No solution found")
+
+
+def from_the_index(command: list, but: str = "\0") -> subprocess.CompletedProcess[str]:
+    """Run what asks a package index: the one that pip is told of.
+
+    Where none answers the test is skipped, in continuous integration it fails, and everywhere with the words ``but``.
+    """
+    told = subprocess.run(
+        [sys.executable, "-m", "pip", "config", "get", "global.index-url"], capture_output=True, text=True, check=False
+    )
+    index = os.environ.get("PIP_INDEX_URL") or told.stdout.strip()
+    variables = os.environ | ({"UV_DEFAULT_INDEX": index} if index else {})
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, env=variables)
+    if done.returncode != 0 and but not in done.stderr and not os.environ.get("CI"):
+        pytest.skip(f"no package index answers here: {done.stderr.strip().splitlines()[-1:]}")
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory, beside):  # noqa: ARG001
     """The wheel, built from a copy of the sources and unpacked into a folder of its own."""
     folder = tmp_path_factory.mktemp("wheel")
     wheels, target = folder / "wheels", folder / "site"
@@ -52,35 +83,69 @@ def sdist(installed):
     return built("sdist", installed.parent / "source", installed.parent / "sdist")
 
 
-def run_there(installed: Path, cwd: Path, *words: str, first: Path | None = None) -> subprocess.CompletedProcess[str]:
+def run_there(installed: Path, cwd: Path, *words: str, last: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Python outside the repository, with what the wheel holds before all else."""
-    path = os.pathsep.join(str(p) for p in (first, installed) if p is not None)
+    path = os.pathsep.join(str(p) for p in (installed, last) if p is not None)
     environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
     return subprocess.run(
         [sys.executable, *words], cwd=cwd, env=environment, capture_output=True, text=True, check=False, timeout=600
     )
 
 
+DEMO = """
+from functools import partial
+from itertools import islice
+
+import datasets, eal, mocap, mocap.datasets, mocap.filters
+from mocap.cli.main import main
+from mocap.pipeline import demo
+from mocap.plots import figures
+
+demo.run_demo, pictures = partial(demo.run_demo, n_frames=100), figures.pictures
+figures.pictures = lambda *run: islice(pictures(*run), 1)
+try:
+    main()
+except SystemExit as stopped:
+    assert not stopped.code
+result = mocap.load("out")
+print()
+print(mocap.__file__, datasets.OWNER, len(result.joints), result.markers.sizes["keypoint"])
+"""
+"""A part of a bat's flight, and one figure: with that the other modules and files of the wheel are at hand, too."""
+
+
 @pytest.fixture(scope="module")
-def demo(installed, tmp_path_factory):
-    """The folder that the demo of the wheel alone writes, outside the repository: a part of a bat's flight."""
-    folder = tmp_path_factory.mktemp("demo")
-    where = run_there(installed, folder, "-c", "import mocap.filters, mocap.datasets, eal; print(mocap.__file__)")
-    assert where.stdout.startswith(str(installed)), where.stderr
-    shorter = "from functools import partial; from mocap.pipeline import demo; "
-    shorter += "demo.run_demo = partial(demo.run_demo, n_frames=100); "
-    command = shorter + "from mocap.cli.main import main; main()"
-    done = run_there(installed, folder, "-c", command, "demo", "bat", "--out", "out")
+def ran(installed, tmp_path_factory):
+    """The folder that the demo of the wheel alone writes, outside the repository, and what the process says of it.
+
+    Where it runs, another distribution has a package ``datasets``, as Hugging Face's is in most environments.
+    """
+    folder, other = tmp_path_factory.mktemp("demo"), tmp_path_factory.mktemp("other")
+    (other / "datasets").mkdir()
+    (other / "datasets" / "__init__.py").write_text("OWNER = 'somebody-else'\n")
+    done = run_there(installed, folder, "-c", DEMO, "demo", "bat", "--out", "out", last=other)
     assert done.returncode == 0, done.stderr
-    return folder / "out"
+    return folder / "out", done.stdout.splitlines()[-1]
 
 
-def test_the_wheel_alone_runs_the_demo(installed, demo):
-    """Its own files are imported, and it writes a result that it loads again."""
-    script = "import mocap; r = mocap.load('out'); print(len(r.joints), r.markers.sizes['keypoint'])"
-    loaded = run_there(installed, demo.parent, "-c", script)
-    result = load(demo)
-    assert loaded.stdout.split() == [str(len(result.skeleton.joints)), str(len(result.skeleton.markers))], loaded.stderr
+@pytest.fixture(scope="module")
+def demo(ran):
+    """The folder."""
+    return ran[0]
+
+
+@pytest.fixture(scope="module")
+def result(demo):
+    """What is in it."""
+    return load(demo)
+
+
+def test_the_wheel_alone_runs_the_demo(installed, ran, result):
+    """Its own files are imported, another's ``datasets`` is left alone, and it writes a result that it loads again."""
+    where, owner, *counts = ran[1].split()
+    assert where == str(installed / "mocap" / "__init__.py")
+    assert owner == "somebody-else"
+    assert counts == [str(len(result.skeleton.joints)), str(len(result.skeleton.markers))]
 
 
 def test_the_demo_beats_what_people_use(demo):
@@ -105,17 +170,16 @@ def test_the_demo_knows_how_well_it_knows(demo):
     assert measured["mixture"]["rmse_mm"] < measured["triangulation"]["rmse_mm"]
 
 
-def test_every_quantity_of_the_demo_is_documented(demo):
+def test_every_quantity_of_the_demo_is_documented(demo, result):
     """Joints with stated axes, strokes, spans, areas and centres of mass among them."""
-    result, report = load(demo), json.loads((demo / "report.json").read_text())
+    report = json.loads((demo / "report.json").read_text())
     assert not columns.undocumented(result.kinematics, "kinematics.csv", documented_names(result))
     assert not columns.undocumented(result.cycles.columns, "cycles.csv", {})
     assert not columns.undocumented(report, "report.json", {})
 
 
-def test_the_demo_learns_a_potential_for_each_joint(demo):
+def test_the_demo_learns_a_potential_for_each_joint(result):
     """V_z is near 0 on the joint's samples and 1 at three times their extent; every joint of the skeleton has one."""
-    result = load(demo)
     assert set(result.potentials) == {j.name for j in result.skeleton.joints}
     for potential in result.potentials.values():
         q = potential.samples_m / potential.scale_m
@@ -155,36 +219,9 @@ def test_the_wheel_has_two_names_of_its_own(installed):
     assert (installed / "eal" / "py.typed").is_file()
 
 
-def test_another_datasets_is_left_alone(installed, tmp_path):
-    """A distribution with a package ``datasets``: whole, and imported as itself, while ours is there and after it goes.
-
-    It is installed first, as Hugging Face's is in most environments, and ours is removed again by pip.
-    """
-    python, pip = environment(tmp_path / "env")
-    stub = tmp_path / "datasets-4.0-py3-none-any.whl"
-    files = {
-        "datasets/__init__.py": "OWNER = 'somebody else'\n",
-        "datasets-4.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: datasets\nVersion: 4.0\n",
-        "datasets-4.0.dist-info/WHEEL": "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
-        "datasets-4.0.dist-info/RECORD": "datasets/__init__.py,,\ndatasets-4.0.dist-info/METADATA,,\n",
-    }
-    with zipfile.ZipFile(stub, "w") as archive:
-        for name, text in files.items():
-            archive.writestr(name, text)
-    (wheel,) = (installed.parent / "wheels").iterdir()
-    subprocess.run([*pip, "install", "--no-deps", "--no-index", stub], check=True)
-    ask = [python, "-c", "import datasets; print(datasets.OWNER)"]
-    for step in (["install", "--no-deps", "--no-index", "--no-compile", wheel], ["uninstall", "--yes", "eal-mocap"]):
-        subprocess.run([*pip, *step], check=True)
-        answer = subprocess.run(ask, cwd=tmp_path, capture_output=True, text=True, check=True)
-        assert answer.stdout.strip() == "somebody else"
-    assert not list((tmp_path / "env").rglob("mocap"))
-
-
 def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(installed, sdist, tmp_path):
     """As a packager of another system has it, and who develops with it from a folder elsewhere, with its resources."""
     folder = installed.parent
-    python, pip = environment(tmp_path / "env")
     with tarfile.open(sdist) as files:
         files.extractall(tmp_path / "unpacked", filter="data")
     (unpacked,) = (tmp_path / "unpacked").iterdir()
@@ -192,12 +229,14 @@ def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(ins
     with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(again) as other:
         assert {e.filename: e.CRC for e in one.infolist()} == {e.filename: e.CRC for e in other.infolist()}
     editable = built("editable", folder / "source", tmp_path / "editable")
-    subprocess.run([*pip, "install", "--no-deps", "--no-index", editable], check=True)
+    zipfile.ZipFile(editable).extractall(tmp_path / "env")
     script = (
+        "import site, sys; site.addsitedir(sys.argv[1])\n"
         "from importlib.resources import files; import mocap; from importlib.util import find_spec as find\n"
         "print(find('mocap.filters').origin, find('mocap.datasets').origin, files('mocap').joinpath('py.typed'))"
     )
-    done = subprocess.run([python, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    command = [sys.executable, "-S", "-c", script, tmp_path / "env"]  # without the packages of this environment
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     source = folder / "source"
     wanted = [source / "filters" / "__init__.py", source / "datasets" / "__init__.py", source / "mocap" / "py.typed"]
     assert done.stdout.split() == [str(place) for place in wanted]
@@ -220,43 +259,12 @@ def test_the_conda_recipe_asks_for_what_the_wheel_asks_for():
     assert f'version: "{project["version"]}"' in recipe
 
 
-OTHERS = ("deeplabcut>=3", "movement", "sleap-io", "napari")
-
-
-def test_it_can_stand_beside_the_other_programs_of_the_field(tmp_path):
+def test_it_can_stand_beside_the_other_programs_of_the_field(beside):
     """One environment can hold all of them and us, with all our extras; only resolved, not installed."""
     pytest.importorskip("uv", reason="a tool of the locked environment")
-    (tmp_path / "others.in").write_text("\n".join(OTHERS) + "\n")
-    uv = [sys.executable, "-m", "uv", "pip", "compile", "--no-header", "--no-annotate", "--python-version", "3.12"]
-    command = [*uv, "--all-extras", ROOT / "pyproject.toml", tmp_path / "others.in"]
-    found = from_the_index(command, "No solution found").stdout
-    versions = dict(line.partition(" ")[0].split("==") for line in found.splitlines() if "==" in line)
+    versions = dict(line.partition(" ")[0].split("==") for line in beside.result().stdout.splitlines() if "==" in line)
     assert {"deeplabcut", "movement", "sleap-io", "napari", "rerun-sdk", "pandas"} <= versions.keys()
     assert versions["deeplabcut"].startswith("3.")
-
-
-def from_the_index(command: list, but: str = "\0") -> subprocess.CompletedProcess[str]:
-    """Run what asks a package index: the one that pip is told of.
-
-    Where none answers the test is skipped, in continuous integration it fails, and everywhere with the words ``but``.
-    """
-    told = subprocess.run(
-        [sys.executable, "-m", "pip", "config", "get", "global.index-url"], capture_output=True, text=True, check=False
-    )
-    index = os.environ.get("PIP_INDEX_URL") or told.stdout.strip()
-    variables = os.environ | ({"UV_DEFAULT_INDEX": index} if index else {})
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, env=variables)
-    if done.returncode != 0 and but not in done.stderr and not os.environ.get("CI"):
-        pytest.skip(f"no package index answers here: {done.stderr.strip().splitlines()[-1:]}")
-    assert done.returncode == 0, done.stderr
-    return done
-
-
-def environment(folder: Path) -> tuple[Path, list]:
-    """Python of a new and empty environment, and the pip that installs into it."""
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    return python, [sys.executable, "-m", "pip", "--python", python, "--quiet", "--disable-pip-version-check"]
 
 
 def test_folders_of_the_repository_are_the_installed_modules():

@@ -85,7 +85,7 @@ _LINES = {2: 12, 3: 6}
 """Grid lines of fixed nodes within reach each way, in the plane and in space."""
 
 
-_IDLE = 0.01
+_IDLE = 0.01  # of V = 1; chosen
 GOAL = 0.1
 """RMS inside the region that a design should reach."""
 

@@ -11,7 +11,7 @@ from mocap.cameras.camera import FLATTEST, PARALLEL, Camera
 from mocap.cameras.triangulate import project
 from mocap.errors import CalibrationError
 
-FEWEST_POINTS = 6
+FEWEST_POINTS = 6  # two equations each for eleven coefficients
 CHECKED_FROM = FEWEST_POINTS + 2
 """Places from which on each is left out of the fit in turn: the others then still have some to spare."""
 OPEN = 1e-9

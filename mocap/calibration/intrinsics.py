@@ -15,6 +15,7 @@ from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
 
 FEWEST_PICTURES = 5
+"""Three determine focal lengths and centre (Zhang 2000), the other two what they err by."""
 CHOICES: dict[str, tuple[type[Lens], tuple[bool, ...]]] = {
     "brown2": (BrownLens, (True, True, False, False, False)),
     "brown": (BrownLens, (True,) * 5),

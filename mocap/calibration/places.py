@@ -15,7 +15,7 @@ from mocap.calibration.scene import distinct
 from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError
 
-FEWEST_POINTS = 4
+FEWEST_POINTS = 4  # three leave up to four poses (Grunert 1841), a fourth says which
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,7 +14,7 @@ from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.triangulate import linear, misses, robust
 from mocap.errors import CalibrationError
 
-FEWEST_POINTS = 30
+FEWEST_POINTS = 30  # of two cameras one equation a point is left; chosen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -19,11 +19,12 @@ from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 
 LOOKED_AT_PX = 3.0
-"""Rays that meet as near as that are not suspected."""
+"""Rays that meet as near as that are not suspected: careless clicks miss by as much. Chosen."""
 BETTER = 3.0
-"""A residual falls at least by that factor where the right change is undone, and not by that for any other change."""
+"""A residual falls at least by that factor where the right change is undone, and not by that for any other change.
+Chosen: with it all planted changes are named and no clean recording (docs/experiments/audit_measured.md)."""
 FEWEST_SHARED = 8
-"""Points that two cameras share at least if one is judged by the other."""
+"""Points that two cameras share at least if one is judged by the other: as many as calibrate one to another."""
 MIRRORS = ("u", "v", "uv")
 SHIFTS = ("+H", "-H", "+W", "-W")
 

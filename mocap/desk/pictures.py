@@ -103,7 +103,7 @@ def films_beside(recording: Recording) -> Videos | None:
     return None
 
 
-_REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
+_REACH = float(np.sqrt(-2 * np.log(0.05)))  # root of the chi-square of two degrees of freedom that 95 % stay below
 
 Shown = Callable[[int, Array], Array]
 """(N, 2) ideal pixels of a camera as its image shows them."""

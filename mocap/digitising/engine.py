@@ -31,12 +31,13 @@ from mocap.io.movies import FIRST_PIXEL
 from mocap.skeleton import Skeleton
 
 CLICK_SD_PX = 1.0
+"""Of a coordinate of a click, where no dot shows it. Chosen, not measured."""
 _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
 """Speeds that are tried at the start, in lengths of the animal a frame."""
-_TRIAL_FRAMES = 3
-_WIDE_PX = 60.0
+_TRIAL_FRAMES = 3  # for each of them
+_WIDE_PX = 60.0  # chosen, not measured
 _PIECES, _PIECE = 10, 20
-_LEARN_AT = (30, 60, 120, 240, 480, 960)
+_LEARN_AT = (30, 60, 120, 240, 480, 960)  # frames after which the pose is learned again, twice as many each time
 
 Progress = Callable[[str, float], None]
 

@@ -8,7 +8,7 @@ from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.digitising.naming import seen_from
 
-_PRIOR_COUNTS = 20
+_PRIOR_COUNTS = 20  # redundant errors: so many show a scale to 1 / sqrt(2 * 20) = 16 %
 SHARED = 0.3
 """Share of the lasting variance that is the same in all images: dots are drawn towards what is bright beside them.
 Rays that meet do not show it; chosen on videos of the twins with 8 cameras (lizard, seeds 5 and 6; bat, seed 6)."""

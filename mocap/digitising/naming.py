@@ -8,13 +8,14 @@ from scipy.optimize import linear_sum_assignment
 
 from eal.arrays import Array
 
-GATE = 18.4
+GATE = 2 * np.log(1e4)
 """Chi-square of two degrees of freedom that one right dot in ten thousand exceeds: the window of a marker."""
 MARGIN = 7.0
 """A name is given where every other one is less likely by exp(3.5), 33 times."""
 UNSEEN = GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
-_FAR = 1e6
+FAR = 1e6
+"""Cost of what cannot be: above all that can, squares of a few tens."""
 MERGED = 0.25
 """Standard deviation of a dot of two markers in one, as a share of the distance at which two dots are apart."""
 
@@ -167,15 +168,15 @@ def _assigned(
     if not n_dots:
         return np.full(uv.shape[:2], -1, dtype=np.int64), np.zeros(n_markers, dtype=bool)
     d2, log_det = away2(s, dots, uv)
-    cost = np.where(d2 < GATE, d2 + log_det[..., None], _FAR)  # NaN compares false
+    cost = np.where(d2 < GATE, d2 + log_det[..., None], FAR)  # NaN compares false
     if faint is not None:
         cost += faint[:, None]
-    cost[others] = _FAR
+    cost[others] = FAR
     fixed = clicked_dots >= 0
     if fixed.any():
         camera, marker = np.nonzero(fixed)
-        cost[camera, :, clicked_dots[camera, marker]] = _FAR
-        cost[fixed] = _FAR
+        cost[camera, :, clicked_dots[camera, marker]] = FAR
+        cost[fixed] = FAR
     pick = cost.argmin(axis=2)
     mine = np.take_along_axis(cost, pick[..., None], axis=2)[..., 0]
     pick = np.where(mine < UNSEEN, pick, -1)
@@ -186,7 +187,7 @@ def _assigned(
     has = pick >= 0
     # [c, m, n]: cost of the dot of n for m
     of_others = np.take_along_axis(cost, np.broadcast_to(np.maximum(pick, 0)[:, None], (*pick.shape, n_markers)), 2)
-    mine = np.where(has, np.einsum("cmm->cm", of_others), _FAR)
+    mine = np.where(has, np.einsum("cmm->cm", of_others), FAR)
     # exchange of two markers, another dot for this marker, another marker for this dot
     total = mine[:, :, None] + mine[:, None]
     exchange = np.where(has[:, None], of_others + np.swapaxes(of_others, 1, 2) - total, np.inf)
@@ -194,8 +195,8 @@ def _assigned(
     exchange[:, i, i] = np.inf
     used = np.zeros((len(uv), n_dots), dtype=bool)
     used[np.nonzero(has)[0], pick[has]] = True
-    other_dot = np.where(used[:, None], _FAR, cost).min(axis=2)
-    other_marker = np.where(has[:, :, None], _FAR, of_others).min(axis=1)
+    other_dot = np.where(used[:, None], FAR, cost).min(axis=2)
+    other_marker = np.where(has[:, :, None], FAR, of_others).min(axis=1)
     rival = np.minimum(exchange.min(axis=2), np.minimum(other_dot, other_marker) - mine)
     sure = has & (rival > MARGIN)
     # two markers so close that their dots are one: the dot of one is no place of either
@@ -224,7 +225,7 @@ def _merged(
 def _least_cost(cost: Array) -> NDArray[np.int64]:
     """(M,) dots of the assignment of least cost (Hungarian method); -1: none, at the cost ``UNSEEN``."""
     out = np.full(len(cost), -1)
-    rows, columns = np.flatnonzero((cost < _FAR).any(axis=1)), np.flatnonzero((cost < _FAR).any(axis=0))
+    rows, columns = np.flatnonzero((cost < FAR).any(axis=1)), np.flatnonzero((cost < FAR).any(axis=0))
     small = cost[np.ix_(rows, columns)]
     padded = np.concatenate([small, np.full((len(rows), len(rows)), UNSEEN)], axis=1)
     m, k = linear_sum_assignment(padded)

@@ -16,11 +16,12 @@ from mocap.digitising.dots import Grey
 
 HALF_PX = 7
 """Half the width of a template, less half a pixel."""
-_ROOM_PX = 13
+_ROOM_PX = 13  # about it; chosen, not measured
 _ALIKE, _APART = 0.7, 0.1
 CLICK_PX = 0.5
 """Standard deviations of a coordinate: of a click, of a match, and that each change of template adds."""
 MOST_REACH_PX = 60.0
+"""A point moves by no more from frame to frame, where nothing else tells. Chosen, not measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -13,7 +13,7 @@ from mocap.io.apart import root_names, variables
 from mocap.io.contents import FileContents
 from mocap.io.lines import one_kind
 
-LENGTH = 1 << 16
+LENGTH = 1 << 16  # bytes by which files are told
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
 from mocap.io.format import Format, Head, Hints
 
-_MOST_BYTES = 20_000_000
+_MOST_BYTES = 20_000_000  # files of rigs are far smaller
 
 
 def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str) -> list[float]:

@@ -22,9 +22,9 @@ from mocap.records import Plane
 from mocap.skeleton import Skeleton
 
 TOGETHER = 0.6
-"""Share of the markers that a frame of a pose shows (``mocap.pipeline.tracking.why_no_pose``)."""
+"""Share of the markers that a frame of a pose shows (``mocap.pipeline.tracking.why_no_pose``). Chosen, not measured."""
 FAR_OFF = 2.0
-"""A standard deviation so many times another contradicts it."""
+"""A standard deviation so many times another contradicts it. Chosen, not measured."""
 
 
 def pixel_origin(decision: PixelOrigin) -> Finding:

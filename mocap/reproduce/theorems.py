@@ -16,6 +16,7 @@ from eal.arrays import Array
 from eal.integrators import simulate
 from eal.lagrangian import PenalisedModel
 from eal.systems import GRAVITY_M_S2
+from mocap.reproduce import sweep
 from mocap.reproduce.draw import Curve, log_log
 from mocap.reproduce.record import Figure, judged
 from mocap.reproduce.sweep import PENALTY, N, over_lambda, planar, slope_with_error
@@ -199,7 +200,7 @@ def theorem_3(*, quick: bool) -> Figure:
         "thrown across at 10 m/s": (experiment.start, np.array([10.0, 0.0])),  # all of its energy goes into V
     }
     q0, v0 = (np.array(parts)[:, None] * np.ones((len(penalties), 1)) for parts in zip(*starts.values(), strict=True))
-    q = simulate(model, q0, v0, duration_s=0.5).q.swapaxes(0, 1)
+    q = simulate(model, q0, v0, duration_s=0.5, h_s=sweep.STEP_S).q.swapaxes(0, 1)
     rows: list[tuple[Array, Array, Array]] = []
     for (start, velocity), path in zip(starts.values(), q, strict=True):
         kinetic = float(experiment.system.kinetic(start, velocity))

@@ -82,7 +82,7 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
             "copy the .rrd to a computer with a screen and open it there with `rerun`"
         )
     data_port, page_port = free_ports(2)
-    command = [program, *([] if rrd is None else [str(rrd)]), "--bind", HOST, "--port", str(data_port)]
+    command = [program, *([] if rrd is None or web else [str(rrd)]), "--bind", HOST, "--port", str(data_port)]
     url, sink = None, f"rerun+http://{HOST}:{data_port}/proxy"
     if web:
         command += ["--serve-web", "--web-viewer-port", str(page_port)]
@@ -92,7 +92,26 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
     viewer = Viewer(process=process, url=url, sink=sink, messages=messages)
     for port in (data_port, page_port) if web else (data_port,):
         _wait_for(viewer, port)
+    if web and rrd is not None:
+        try:
+            _send(rrd, sink)
+        except Exception:
+            viewer.close()
+            raise
     return viewer
+
+
+def _send(rrd: Path, sink: str) -> None:
+    """Stream a recording to a server: one that is started with the file takes a core for as long as it serves."""
+    import rerun as rr
+    from rerun.chunk import RrdReader
+
+    kept = RrdReader(str(rrd)).recordings()[0]
+    stream = rr.RecordingStream(kept.application_id, recording_id=kept.recording_id, send_properties=False)
+    stream.connect_grpc(sink)
+    stream.log_file_from_path(str(rrd))
+    stream.flush()
+    stream.disconnect()
 
 
 def viewer_program() -> str:

@@ -1,6 +1,7 @@
 """What is shared, and what is served, is seen in a browser that can reach this computer only."""
 
 import json
+import time
 from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
@@ -63,18 +64,34 @@ def has_markers(picture):
     return amount(scene_of(picture), palette.SKY_BLUE) > 40
 
 
+def told(browser):
+    """What the browser told of its network since the last time."""
+    return [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+
+
 def asked_for(browser):
     """Addresses that pages asked for since the last time."""
-    messages = (json.loads(entry["message"])["message"] for entry in browser.get_log("performance"))
-    return [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
+    return [m["params"]["request"]["url"] for m in told(browser) if m["method"] == "Network.requestWillBeSent"]
 
 
-def test_the_web_viewer_shows_the_markers(browser, recordings):
-    """What mocap view --web serves."""
-    viewer = open_viewer(recordings / "flight.rrd", web=True)
+def test_the_web_viewer_is_sent_the_recording(browser, recordings):
+    """What mocap view --web serves: its page starts the viewer, which asks our server for the recording and gets it.
+
+    What the same program then draws is seen on the page from the disk.
+    """
+    file = recordings / "flight.rrd"
+    viewer = open_viewer(file, web=True)
+    server, sent, streams = viewer.sink.removeprefix("rerun+").removesuffix("proxy"), 0, set()
+    told(browser)
     try:
         browser.get(f"{viewer.url}&renderer=webgl&hide_welcome_screen")
-        assert has_markers(settled(browser, SETTLED_COLORS, has_markers))
+        while sent < file.stat().st_size / 4:  # coded otherwise it is half as long; of none a few hundred bytes come
+            for m in told(browser):
+                if m["method"] == "Network.requestWillBeSent" and m["params"]["request"]["url"].startswith(server):
+                    streams.add(m["params"]["requestId"])
+                elif m["method"] == "Network.dataReceived" and m["params"]["requestId"] in streams:
+                    sent += m["params"]["dataLength"]
+            time.sleep(0.2)
     finally:
         browser.get("about:blank")
         viewer.close()

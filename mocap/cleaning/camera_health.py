@@ -57,7 +57,7 @@ class CameraHealth:
     Attributes:
         factor: (C, T) 1 or more, by which the deviations of rays are to be multiplied.
         level_px: (C, T) standard deviation of a pixel coordinate; NaN where too few points are seen to tell.
-        bad: Runs of frames in which a camera was bad; elsewhere ``factor`` is 1.
+        bad: Runs of frames that ``factor`` exceeds 1 in.
         known: Whether enough points are seen by three cameras to tell cameras apart.
     """
 
@@ -92,8 +92,12 @@ def camera_health(matrices: Array, uv_px: Array) -> CameraHealth:
     miss = np.full(shape, np.nan)
     miss[:, many] = np.sqrt(2 * np.sum(found.residual**2, axis=-1) / np.maximum(found.redundancy, 1e-9))
     miss[:, many] = np.where(found.redundancy > 0.1, miss[:, many], np.nan)
-    factor, good, runs = _factors(level, miss, seen)
-    bad = [_bad_time(camera, run, level, float(good[camera]), found, frame) for camera, run in runs]
+    factor, good = _factors(level, miss, seen)
+    bad = [
+        _bad_time(camera, run, level, float(good[camera]), found, frame)
+        for camera in range(shape[0])
+        for run in true_runs(factor[camera] > 1.0)
+    ]
     return CameraHealth(factor=factor, level_px=level, bad=tuple(bad), known=True)
 
 
@@ -151,10 +155,8 @@ def _filled(values: Array) -> Array:
     return np.asarray(out, dtype=np.float64)
 
 
-def _factors(
-    level: Array, miss_px: Array, seen: NDArray[np.bool_]
-) -> tuple[Array, Array, list[tuple[int, tuple[int, int]]]]:
-    """(C, T) factors, 1 but for runs in which a camera is bad, (C,) its good level, and the runs, each by its camera.
+def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """(C, T) factors, 1 but for runs in which a camera is bad, and (C,) its good level.
 
     The good level is the lower quartile of its own, but no more than twice the median camera's. What all cameras suffer
     at once is no camera's fault, and what comes and goes slowly is its calibration's, which errs by place: the animal
@@ -165,7 +167,7 @@ def _factors(
     good = np.minimum(own, 2 * np.nanmedian(own))
     shared = np.maximum(np.nan_to_num(_others(level / own[:, None]), nan=1.0), 1.0)
     relative = level / good[:, None] / shared
-    factor, bad = np.ones(level.shape), list[tuple[int, tuple[int, int]]]()
+    factor = np.ones(level.shape)
     for camera, row in enumerate(relative):
         known = np.isfinite(row)
         if not known.any():
@@ -180,8 +182,7 @@ def _factors(
             sudden = max(_step(miss, seen, start), _step(miss[::-1], seen[:, ::-1], len(row) - stop))
             if np.count_nonzero(inside > BAD) >= SHORTEST and sudden > WORSE:
                 factor[camera, start:stop] = np.maximum(all_over[start:stop], 1.0)
-                bad.append((camera, (start, stop)))
-    return factor, good, bad
+    return factor, good
 
 
 def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:

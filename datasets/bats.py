@@ -16,10 +16,10 @@ from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
 from mocap.datasets.wander import Wander, draw_wander, skin_motion
 
 from eal.arrays import Array
+from eal.systems import GRAVITY_M_S2
 from mocap.cameras.camera import Camera
 
 _DEG = np.pi / 180
-_GRAVITY_M_S2 = 9.81
 # a U-turn of a bat of 55 g: speed from 2.0 to 0.5 m/s, bank 20 to 40 degrees, 0.2 m gained (Windes et al. 2020)
 _SPEED_M_S, _SPEED_SWING = 1.5, 0.54
 _HALF_LAP_S, _TURN_SWING = 0.65, 0.45
@@ -68,7 +68,7 @@ def laps(t_s: Array) -> Path:
     plane = np.exp(1j * np.multiply.outer(theta, odd)) @ weights
     mean_square = _SPEED_M_S**2 * (1 + _SPEED_SWING**2 / 2)
     return Path(
-        position_m=np.stack([plane.real, plane.imag, (mean_square - speed**2) / (2 * _GRAVITY_M_S2)], axis=-1),
+        position_m=np.stack([plane.real, plane.imag, (mean_square - speed**2) / (2 * GRAVITY_M_S2)], axis=-1),
         course_rad=course,
         speed_m_s=speed,
         turning_rad_s=omega * (1 - 2 * _TURN_SWING * np.cos(2 * theta)),
@@ -91,7 +91,7 @@ def level_flight(rng: np.random.Generator, t_s: Array, phase_rad: Array) -> tupl
     heave, surge = -0.006 * np.sin(phase_rad - 0.2), 0.002 * np.cos(phase_rad - 0.6)
     position = np.stack([upstream + surge, 0.03 * weave.value(t_s), 0.02 * climb.value(t_s) + heave], axis=-1)
     # tan(roll) = sideways acceleration / gravity; the wing inside the turn is low
-    bank = -np.arctan(0.03 * weave.acceleration(t_s) / _GRAVITY_M_S2)
+    bank = -np.arctan(0.03 * weave.acceleration(t_s) / GRAVITY_M_S2)
     rotation = (
         turn(2, 6 * _DEG * yaw.value(t_s))
         @ turn(1, _DEG * (-9 + 2.5 * np.sin(phase_rad - 0.8) + 2 * climb.value(t_s)))
@@ -116,7 +116,7 @@ def turning_flight(rng: np.random.Generator, t_s: Array, phase_rad: Array) -> tu
     position = path.position_m * [1.0, side, 1.0]
     position[:, 1:] += np.stack([0.01 * weave.value(t_s), 0.01 * climb.value(t_s) + heave], axis=-1)
     position[:, :2] += surge[:, None] * np.stack([np.cos(path.course_rad), side * np.sin(path.course_rad)], axis=-1)
-    bank = np.arctan(path.speed_m_s * path.turning_rad_s / _GRAVITY_M_S2)
+    bank = np.arctan(path.speed_m_s * path.turning_rad_s / GRAVITY_M_S2)
     rotation = (
         turn(2, side * ahead.course_rad + 3 * _DEG * yaw.value(t_s))
         @ turn(1, _DEG * (-14 + 2.5 * np.sin(phase_rad - 0.8) + 2 * climb.value(t_s)))

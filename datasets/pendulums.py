@@ -15,13 +15,13 @@ from mocap.datasets.rig import aimed
 from scipy.integrate import solve_ivp
 
 from eal.arrays import Array, frozen
+from eal.systems import GRAVITY_M_S2
 from mocap.cameras.lens import BrownLens
 from mocap.io.csv_table import write_table
 from mocap.measures import Measures, Segment
 from mocap.skeleton import Bone, Joint, Skeleton
 
 Pendulum = Literal["planar", "spherical"]
-GRAVITY_M_S2 = 9.81
 _TOLERANCE = 1e-12
 _COORDINATES: dict[str, tuple[str, ...]] = {"planar": ("r_m", "theta_rad"), "spherical": ("x1_m", "x2_m", "x3_m")}
 

@@ -13,7 +13,7 @@ from eal.arrays import Array, cross, skew
 UNKNOWN_KG = 1.0
 """Mass of a limb of which no mass is stated: energies are then those of a kilogram of it."""
 THICK = 0.1
-"""Radius of a rod over its length."""
+"""Radius of a rod over its length. Chosen, not measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

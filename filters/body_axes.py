@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.whittaker import smooth_series
+from mocap.filters.whittaker import FASTEST_HZ, smooth_series
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
@@ -66,7 +66,7 @@ def body_frames(
     xyz_m: Array,
     *,
     dt_s: float,
-    cutoff_hz: float,
+    cutoff_hz: float = FASTEST_HZ,
     shape: Array | None = None,
     loose_rad: float = 0.3,
     turns: bool = True,

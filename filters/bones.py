@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from mocap.filters.motion.bones import Bones
-from mocap.filters.poses import MarkerTrial
+from mocap.filters.poses import INDEPENDENT, MarkerTrial
 from numpy.typing import NDArray
 
 from eal.arrays import Array
 
-INDEPENDENT = 0.1
-"""Neighbouring frames err alike: each counts as so many independent ones."""
+RIGID = 0.05
+"""A rigid bone varies by no larger share of its length. Chosen, not measured."""
 
 
 def learn_bones(trials: Sequence[MarkerTrial], ends: NDArray[np.int64]) -> Bones:
@@ -68,7 +68,7 @@ def _distances(trial: MarkerTrial, ends: NDArray[np.int64]) -> tuple[Array, Arra
 def rigid_bones(trials: Sequence[MarkerTrial], named: Sequence[tuple[int, int]] = ()) -> Bones:
     """The bones of the last of some trials: those that are named, and pairs that keep their distance as if they were.
 
-    Pairs are taken in the order of how well they keep it, s / L, of 5 % at most, until each marker has two bones.
+    Pairs are taken in the order of how well they keep it, s / L, of ``RIGID`` at most, until each marker has two bones.
 
     Args:
         trials: Trials of the same markers.
@@ -80,7 +80,7 @@ def rigid_bones(trials: Sequence[MarkerTrial], named: Sequence[tuple[int, int]] 
     chosen = [i for i, ends in enumerate(pairs.ends.tolist()) if tuple(ends) in wanted]
     held = np.bincount(pairs.ends[chosen].ravel(), minlength=trials[0].xyz_m.shape[1])
     for i in np.argsort(share, kind="stable"):
-        if share[i] <= 0.05 and i not in chosen and held[pairs.ends[i]].min() < 2:
+        if share[i] <= RIGID and i not in chosen and held[pairs.ends[i]].min() < 2:
             chosen.append(int(i))
             held[pairs.ends[i]] += 1
     return Bones(ends=pairs.ends[chosen], length_m=pairs.length_m[chosen], sd_m=pairs.sd_m[chosen])

@@ -22,7 +22,7 @@ from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run
 
 from eal.arrays import Array
 
-MOST = 1e8
+MOST = float(np.finfo(float).eps) ** -0.5
 """No observation makes anything known better by more than this factor in variance at once: of a sharper one a share of
 its information is taken first, and then the rest. 1 + H P H^T keeps half of its digits, whatever the noise."""
 

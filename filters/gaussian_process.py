@@ -10,12 +10,13 @@ Gaussian cannot: sets that bend, several gaits. A trial has its own constant and
 markers placed anew), and what regression misses by lasts for a while (Matern-3/2).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri  # type: ignore[attr-defined]  # made at run time
 from scipy.optimize import minimize
 
 from eal.arrays import Array
@@ -107,26 +108,37 @@ class Covariance:
             out[both] += more
         return out
 
-    def parts(self, apart: "Apart") -> tuple[Array, ...]:
-        """(n, m) each: what the linear, curved, trial, slow and own parts add to the covariance."""
-        bent, u = np.exp(-self.sharp * apart.square), apart.lag / self.memory
-        return (
-            self.linear * apart.inner,
-            self.curved * bent,
-            self.trial * apart.same,
-            self.slow * apart.same * (1 + u) * np.exp(-u),
-            self.own * apart.same * bent,
-        )
+    def gradient(self, apart: "Apart") -> tuple[Array, Callable[[Array], Array]]:
+        """(n, n) covariance of rows with themselves, noise included; and of weights (n, n) what changes with them.
 
-    def gradient(self, apart: "Apart") -> tuple[Array, tuple[Array, ...]]:
-        """(n, n) covariance of rows with themselves, noise included, and its 8 slopes (n, n) by each logarithm."""
-        linear, curved, trial, slow, own = self.parts(apart)
-        u = apart.lag / self.memory
-        sharp = -self.sharp * apart.square * (curved + own)
-        memory = slow * u**2 / (1 + u)  # d (1 + u) exp(-u) / du = -u exp(-u)
-        noise = self.noise * np.eye(len(linear))
-        slopes = (linear, curved, sharp, trial, slow, memory, own, noise)
-        return linear + curved + trial + slow + own + noise, slopes
+        The second is (8,), the sum of the weights times the slopes of the covariance by each logarithm: no slope is
+        formed, as sums of the weights times what the parts are made of say as much.
+        """
+        bent, u = np.exp(-self.sharp * apart.square), apart.lag / self.memory
+        fading = apart.same * np.exp(-u)
+        lasting = fading * (1 + u)
+        covariance = self.linear * apart.inner + (self.curved + self.own * apart.same) * bent
+        covariance += self.trial * apart.same + self.slow * lasting
+        covariance[np.diag_indices(len(u))] += self.noise
+
+        def along(weights: Array) -> Array:
+            every = weights * bent
+            mine = every * apart.same
+            bends = self.curved * np.vdot(apart.square, every) + self.own * np.vdot(apart.square, mine)
+            return np.array(
+                [
+                    self.linear * np.vdot(apart.inner, weights),
+                    self.curved * every.sum(),
+                    -self.sharp * bends,
+                    self.trial * np.vdot(apart.same, weights),
+                    self.slow * np.vdot(lasting, weights),
+                    self.slow * np.vdot(fading * u**2, weights),  # d (1 + u) exp(-u) / du = -u exp(-u)
+                    self.own * mine.sum(),
+                    self.noise * np.trace(weights),
+                ]
+            )
+
+        return covariance, along
 
     def prior(self, rows: Rows) -> Array:
         """(n,) variances of rows, without noise."""
@@ -190,17 +202,19 @@ def fitted(tasks: Sequence[tuple[Rows, Array]], *, steps: int = 12) -> Covarianc
         covariance = Covariance.of(logarithms)
         total, slope = 0.001 * np.sum((logarithms - first) ** 2), 0.002 * (logarithms - first)
         for apart, y in known:
-            square, slopes = covariance.gradient(apart)
-            try:
-                factor = cho_factor(square, lower=True)
-            except LinAlgError:
+            square, along = covariance.gradient(apart)
+            factor, failed = dpotrf(square.T, lower=1, overwrite_a=1)
+            if failed:
                 return 1e6, np.zeros(len(first))
-            inverse = cho_solve(factor, np.eye(len(y)))
+            level = np.mean(np.log(np.diag(factor)))
+            half, _ = dpotri(factor, lower=1, overwrite_c=1)  # zero above the diagonal, as the factor is
+            inverse = half + half.T
+            inverse[np.diag_indices(len(y))] /= 2
             solved = inverse @ y
             scale2 = np.mean(y * solved, axis=0) + 1e-300
-            total += (0.5 * np.mean(np.log(scale2)) + np.mean(np.log(np.diag(factor[0])))) / len(known)
+            total += (0.5 * np.mean(np.log(scale2)) + level) / len(known)
             pull = inverse - (solved / scale2) @ solved.T / y.shape[1]
-            slope = slope + 0.5 * np.array([np.vdot(each, pull) for each in slopes]) / (len(y) * len(known))
+            slope = slope + 0.5 * along(pull) / (len(y) * len(known))
         return float(total), slope
 
     if not known:

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 MOST = 60
-"""Models of more markers than this are filtered in groups of about half as many."""
+"""Models of more markers than this are filtered in groups of about half as many: a frame of the dense
+filter costs the cube of their number, 58 ms with 60 (docs/experiments/many_markers.md)."""
 
 Smooth = Callable[..., Estimate]
 Markers = NDArray[np.int64]

@@ -6,15 +6,17 @@ from typing import Literal
 
 import numpy as np
 from mocap.filters.anatomy import Limb, anatomy_of
+from mocap.filters.bones import RIGID
+from mocap.filters.poses import FEWEST_FRAMES
 
 from eal.arrays import Array
 
 JointType = Literal["ball", "universal", "hinge", "fixed"]
-DOUBTED = 0.05
-"""A bone that is stated as rigid and varies by a larger share of its length, noise taken out, is doubted."""
+MOVES_DEG = 10.0
+"""A joint whose angle has a smaller range, from the 5th to the 95th percentile, does not move. Chosen, not measured."""
 STRAIGHT_DEG = 15.0
-"""Two segments that bend by less have no plane that shows how the first is turned about its axis."""
-LEAST_FRAMES = 20
+"""Two segments that bend by less have no plane that shows how the first is turned about its axis.
+Chosen: the plane turns by 1 / sin 15 = 4 times what a direction errs by."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,7 +109,7 @@ def _joint(
     segment = body[:, child] - body[:, centre]
     length = np.linalg.norm(segment, axis=-1)
     ok = np.isfinite(length) & (length > 0)
-    if ok.sum() < LEAST_FRAMES:
+    if ok.sum() < FEWEST_FRAMES:
         return None
     noise_m = np.hypot(sd_m[:, child], sd_m[:, centre])
     noise_m = float(np.nanmedian(noise_m)) if np.isfinite(noise_m).any() else 0.0
@@ -130,7 +132,9 @@ def _joint(
         else:
             local = _local(along, body[:, before] - body[:, second], segment)
     spread, principal = _ranges_deg(local)
-    moves = spread >= max(10.0, 4.0 * noise_deg / 3.3)  # 4 SD: a normal law has 3.3 from the 5th to the 95th percentile
+    moves = spread >= max(
+        MOVES_DEG, 4.0 * noise_deg / 3.3
+    )  # 4 SD: a normal law has 3.3 from the 5th to the 95th percentile
     kind: JointType = ("fixed", "hinge", "universal")[int(moves.sum())]
     if before is None and kind == "universal" and twist:
         kind = "ball"
@@ -168,21 +172,20 @@ def undetermined(joints: Sequence[Articulation]) -> list[str]:
     alone = [f"{j.centre} to {j.child}" for j in joints if not j.twist and np.isnan(j.straight)]
     if alone:
         out.append(
-            "not determined: how these segments turn about their own axis, because all their markers lie on it: "
-            + ", ".join(alone)
+            "not determined: axial rotation of these segments, because all their markers lie on it: " + ", ".join(alone)
         )
     vague = [j for j in joints if np.isfinite(j.straight) and j.straight > 0.05]
     if vague:
         out.append(
-            "poorly determined: how these segments turn about their own axis, because the next segment is within "
+            "poorly determined: axial rotation of these segments, because the next segment is within "
             f"{STRAIGHT_DEG:.0f} degrees of straight in a part of the frames: "
             + ", ".join(f"{j.centre} to {j.child} ({j.straight:.0%})" for j in vague)
         )
     out += [
         f"the bone {j.centre}-{j.child} is stated as rigid, but its length ({1e3 * j.length_m:.3g} mm) varies by "
-        f"{j.length_sd:.1%}: a marker on the wrong segment, skin that slips, or a bone to state as soft"
+        f"{j.length_sd:.1%}: a marker on the wrong segment, soft-tissue artefact, or a bone to state as soft"
         for j in joints
-        if j.length_sd > DOUBTED
+        if j.length_sd > RIGID
     ]
     return out
 
@@ -212,7 +215,7 @@ def _ranges_deg(segment: Array) -> tuple[Array, Array]:
     size = np.linalg.norm(segment, axis=-1)
     known = size > 0
     unit = segment[known] / size[known, None]
-    if len(unit) < LEAST_FRAMES:
+    if len(unit) < FEWEST_FRAMES:
         return np.zeros(2), np.array([0.0, 0.0, 1.0])
     mean = unit.mean(axis=0)
     mean /= max(float(np.linalg.norm(mean)), 1e-12)

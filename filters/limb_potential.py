@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
 
-GRID = 60
+GRID = 60  # points along an edge of what is drawn
 
 
 @dataclass(eq=False)

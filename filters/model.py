@@ -240,7 +240,7 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
     rates = [1 / trial.dt_s for trial in some]
     if rates and max(rates) > 1.01 * min(rates):
         listed = ", ".join(f"{trial.name} {rate:.6g}" for trial, rate in zip(some, rates, strict=True))
-        raise FilterError(f"trials of one model need one frame rate, but have frames a second: {listed}")
+        raise FilterError(f"trials of one model must share a frame rate, but have frames a second: {listed}")
 
 
 def scores_of(found: Mixed) -> dict[str, dict[str, list[float]]]:

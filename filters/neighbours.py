@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 FIRM = 0.03
-"""Share of the mean shape's extent that holds the frame where neighbours do not tell how they turn: on a line."""
+"""Share of the mean shape's extent that holds the frame where neighbours do not tell how they turn: on a line. Chosen,
+not measured."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ import numpy as np
 from mocap.filters.bones import rigid_bones
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
 from mocap.filters.motion.bones import Bones
-from mocap.filters.poses import LEAST_KNOWN, MarkerTrial, poses_of
+from mocap.filters.poses import LEAST_KNOWN, MATERN_3_2_HALF, MarkerTrial, poses_of
 from mocap.filters.size import LEAST, log_distances, sized_like
 from mocap.filters.subspace import principal_components, structure
-from mocap.filters.whittaker import smooth_series
+from mocap.filters.whittaker import fastest_hz, smooth_series
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -20,7 +20,8 @@ from eal import EmpiricalPotential
 from eal.arrays import Array
 
 LEAST_MARKERS = 4
-"""Markers that a frame must show: a pose has six numbers of place and orientation, a ray two."""
+"""Markers that a frame must show: a pose has six numbers of place and orientation, a ray two, and
+three rays leave up to four poses (Grunert 1841)."""
 
 
 class Hold(Protocol):
@@ -165,7 +166,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, whole: P
     basis, _, _ = np.linalg.svd(found.loading, full_matrices=False)
     known = np.split(found.known, cuts)
     smooth = [
-        smooth_series(z, np.maximum(k, 1e-3), dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
+        smooth_series(z, np.maximum(k, 1e-3), dt_s=dt_s, cutoff_hz=fastest_hz(dt_s))
         for z, k in zip(np.split(found.scores @ found.loading.T @ basis, cuts), known, strict=True)
     ]
     keep = [k >= min(LEAST_KNOWN, np.median(k)) for k in known]
@@ -180,8 +181,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, whole: P
     if whole is None:
         apart = parts if len(parts) > 1 else np.array_split(y[np.isfinite(y).any(axis=1)], 2)
         left = left_over(apart, rank)
-        # (1 + s) exp(-s) is a half at s = 1.6783 (Matern 3/2)
-        left_sd, decay = np.repeat(marker_sd(left), 3), float(np.exp(-1.6783 * dt_s / half_life_s(left, dt_s)))
+        left_sd, decay = np.repeat(marker_sd(left), 3), float(np.exp(-MATERN_3_2_HALF * dt_s / half_life_s(left, dt_s)))
     else:
         left_sd, decay = whole.left_sd, whole.left_decay
     unseen = float(np.mean(unseen_potential(shapes)))

@@ -6,10 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from mocap.filters.body_axes import BodyFrames, body_frames, trunk_shape
 from mocap.filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
-from mocap.filters.whittaker import smooth_series
+from mocap.filters.whittaker import fastest_hz, smooth_series
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+
+INDEPENDENT = 0.1
+"""Neighbouring frames err alike: each counts as so many independent ones. Chosen, not measured."""
+FEWEST_FRAMES = round(2 / INDEPENDENT)
+"""Two independent ones, which have a variance: of fewer nothing is learned of lengths and directions."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,7 +73,7 @@ def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames, sd_m: Array | None 
 
 
 LEAST_KNOWN = 0.8
-"""Poses known better than this (``Components.known``) are learned from."""
+"""Poses known better than this (``Components.known``) are learned from. Chosen, not measured."""
 
 
 def poses_of(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float = 3.0) -> list[PoseTrial]:
@@ -123,7 +128,6 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
         ranks: Ranks to choose from, on hidden samples (``fit_subspace``).
     """
     dt_s = trials[0].dt_s
-    cutoff = min(30.0, 0.2 / dt_s)  # Hz: faster motion of the shape is taken for noise
     lengths = [len(trial.y) for trial in trials]
     member = np.repeat(np.arange(len(trials)), lengths)
     y = np.concatenate([trial.y for trial in trials])
@@ -131,11 +135,13 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
     sd = np.concatenate([trial.sd_m for trial in trials])
     subspace, found, z = fit_subspace(y, ranks=ranks, block=block, rng=np.random.default_rng(0), trial=member, sd=sd)
     cuts = np.cumsum(lengths)[:-1]
-    smooth = [smooth_series(part, np.ones(len(part)), dt_s=dt_s, cutoff_hz=cutoff) for part in np.split(z, cuts)]
+    smooth = [
+        smooth_series(part, np.ones(len(part)), dt_s=dt_s, cutoff_hz=fastest_hz(dt_s)) for part in np.split(z, cuts)
+    ]
     rate = [_derivative(part, dt_s) for part in smooth]
     left = np.where(np.isfinite(y), y - found.poses, np.nan)
     count = np.array([np.isfinite(trial.y).sum(axis=0) for trial in trials])
-    precision = 0.1 * count / max(found.noise, 1e-14) + 1 / np.maximum(found.trial_sd, 1e-7) ** 2
+    precision = INDEPENDENT * count / max(found.noise, 1e-14) + 1 / np.maximum(found.trial_sd, 1e-7) ** 2
     return Shapes(
         subspace=subspace,
         z=np.split(z, cuts),
@@ -152,8 +158,9 @@ def _derivative(series: Array, dt_s: float) -> Array:
     return np.gradient(series, dt_s, axis=0) if len(series) > 1 else np.zeros_like(series)
 
 
-MATERN_HALF = 2.3303
-"""Lag at which the correlation of a Matern-5/2 process of unit rate, (1 + s + s^2 / 3) exp(-s), is a half."""
+MATERN_3_2_HALF, MATERN_HALF = 1.6783, 2.3303
+"""Lags at which the correlations of Matern-3/2 and Matern-5/2 processes of unit rate are a half: of (1 + s) exp(-s) and
+(1 + s + s^2 / 3) exp(-s)."""
 
 
 def residual_memory_s(

@@ -7,7 +7,7 @@ import numpy as np
 from mocap.filters.body_axes import aligned, nearest_rotation, trunk_shape
 from mocap.filters.conditional import Normal, moments, patterns
 from mocap.filters.observations import Observations
-from mocap.filters.poses import MarkerTrial
+from mocap.filters.poses import FEWEST_FRAMES, MarkerTrial
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.spatial.distance import squareform
@@ -103,10 +103,10 @@ def residual_m(xyz: Array) -> tuple[float, float]:
         xyz: (T, n, 3) positions, of which 200 frames to 399 are looked at.
 
     Returns:
-        Both in metres; infinite and 0 where the markers are seen together in fewer than 20 frames.
+        Both in metres; infinite and 0 where the markers are seen together in fewer than ``FEWEST_FRAMES``.
     """
     whole = xyz[np.isfinite(xyz).all(axis=(1, 2))]
-    if len(whole) < 20:
+    if len(whole) < FEWEST_FRAMES:
         return np.inf, 0.0
     whole = whole[:: max(1, len(whole) // 200)]
     whole = whole - whole.mean(axis=1, keepdims=True)
@@ -161,7 +161,7 @@ def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
     xyz = trial.xyz_m[:, index]
     count = np.isfinite(xyz[..., 0]).sum(axis=1)
     frames = np.flatnonzero(count > LEAST)
-    if len(frames) < 20:
+    if len(frames) < FEWEST_FRAMES:
         return None
     place = trunk_shape(xyz[frames])
     left = (_in_axes(xyz[frames], place)[0] - place).reshape(len(frames), -1)

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from mocap.filters.poses import MarkerTrial
+from mocap.filters.poses import INDEPENDENT, MarkerTrial
 from numpy.typing import NDArray
 
 from eal.arrays import Array
 
-INDEPENDENT = 0.1
-"""Neighbouring frames err alike: each counts as so many independent ones."""
 LEAST = 0.02
-"""Sizes that differ by less, or by less than twice what their estimate errs by, count as equal."""
+"""Sizes that differ by less, or by less than twice what their estimate errs by, count as equal. Chosen,
+not measured."""
 
 
 def relative_size(trial: MarkerTrial, other: MarkerTrial) -> tuple[float, float]:

@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 from eal.arrays import Array, cross, skew
 
 _NEAR = 1e-2
-"""Squared angle below which series stand for quotients that lose digits."""
+"""Squared angle below which series stand for quotients that lose digits: there both are right to 1e-11."""
+STEP_RAD = 0.5
+"""Steps of an iteration turn a joint by at most so many radians. Chosen, not measured."""
 AT_ONCE = 200
 """Frames that are fitted at once."""
 
@@ -186,7 +188,7 @@ class FittedPoses:
 
 
 def fit_poses(tree: Tree, xyz_m: Array, sd_m: Array, *, root: tuple[float, float] = (1.0, 1.0)) -> FittedPoses:
-    """Least squares in each frame by itself: Gauss-Newton steps of at most half a radian.
+    """Least squares in each frame by itself: Gauss-Newton steps of at most ``STEP_RAD``.
 
     Angles are drawn to rest by a prior of a deviation of one radian, so that what a frame does not determine stays
     there, and the root to where it is given.
@@ -227,7 +229,7 @@ def _fit(tree: Tree, xyz: Array, sd: Array, root: tuple[float, float]) -> tuple[
         pull = np.einsum("tri,tr->ti", slope, away) - prior * whole
         step = np.linalg.solve(here, pull[..., None])[..., 0]
         size = np.abs(step[:, 3:]).max(axis=1)
-        step *= np.minimum(1.0, 0.5 / np.maximum(size, 1e-12))[:, None]
+        step *= np.minimum(1.0, STEP_RAD / np.maximum(size, 1e-12))[:, None]
         shift[moving], angles[moving] = shift[moving] + step[:, :3], bent + step[:, 6:]
         rotation[moving] = Rotation.from_rotvec(step[:, 3:6]).as_matrix() @ turn
         moving = moving[size > 1e-3]  # radians

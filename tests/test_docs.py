@@ -282,6 +282,7 @@ def test_a_column_that_nobody_described_is_seen():
     ]
 
 
+@pytest.mark.slow
 def test_the_licences_page_has_every_package_of_the_locks():
     """In the version that a lock has, extras too, and nothing else; what it says of a wheel is what lies in it."""
     stored, made = (

@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy, Limb
+from mocap.filters.bones import RIGID
 from mocap.filters.errors import FilterError
-from mocap.filters.joint_types import DOUBTED, Articulation, joints_of
+from mocap.filters.joint_types import Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.lagrangian import with_lagrangian
 from mocap.filters.models.limbs import held_together, known_poses, sides
@@ -16,7 +17,17 @@ from mocap.filters.models.pose import WEIGHT, PoseSettings, learn_pose, recorded
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, radian, residual_memory_s, shapes_of
+from mocap.filters.poses import (
+    FEWEST_FRAMES,
+    INDEPENDENT,
+    MarkerTrial,
+    PoseTrial,
+    Shapes,
+    poses_of,
+    radian,
+    residual_memory_s,
+    shapes_of,
+)
 from mocap.filters.subspace import PoseSubspace
 from mocap.filters.tree import FittedPoses, Tree, fit_poses
 from numpy.typing import NDArray
@@ -121,7 +132,7 @@ def rooted(anatomy: Anatomy) -> Anatomy:
         return anatomy
     if not anatomy.bones:
         raise FilterError(
-            "the articulated model needs rigid bones that hang on the trunk, and the skeleton states none: add them, "
+            "the articulated model needs rigid bones attached to the trunk, and the skeleton states none: add them, "
             "or let `mocap skeleton` propose them"
         )
     ends = sorted({end for bone in anatomy.bones for end in bone})
@@ -184,7 +195,7 @@ def _not_rigid(limbs: Sequence[Limb], found: Mapping[int, Articulation], anatomy
     doubted = {
         c
         for limb in limbs
-        if any(c in found and found[c].length_sd > DOUBTED for c in limb.children)
+        if any(c in found and found[c].length_sd > RIGID for c in limb.children)
         for c in limb.children
     }
     return doubted | {anatomy.mirror[c] for c in doubted if anatomy.mirror}
@@ -248,8 +259,8 @@ def lengths(build: Build, body: Array, sd_m: Array) -> tuple[Array, Array]:
     squared = np.sum(away**2, axis=-1) - 3 * (sd_m[:, build.child] ** 2 + sd_m[:, build.centre] ** 2)
     count = np.isfinite(squared).sum(axis=0)
     mean = np.where(count > 0, np.nansum(squared, axis=0) / np.maximum(count, 1), np.nan)
-    spread = np.sqrt(np.nansum((squared - mean) ** 2, axis=0) / np.maximum(0.1 * count**2, 1))
-    length = np.sqrt(np.where((count >= 20) & (mean > 0), mean, np.nan))
+    spread = np.sqrt(np.nansum((squared - mean) ** 2, axis=0) / np.maximum(INDEPENDENT * count**2, 1))
+    length = np.sqrt(np.where((count >= FEWEST_FRAMES) & (mean > 0), mean, np.nan))
     return length, spread / (2 * length)
 
 

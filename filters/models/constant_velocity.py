@@ -7,7 +7,7 @@ import numpy as np
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.subspace import bridge
-from mocap.filters.whittaker import smooth_series
+from mocap.filters.whittaker import fastest_hz, smooth_series
 
 from eal.arrays import Array, varying
 
@@ -79,11 +79,6 @@ def marker_motion(xyz_m: Array, *, dt_s: float) -> Array:
     for marker, series in _series(xyz_m):
         found[marker] = np.sqrt(np.mean(motion_sd(series, dt_s=dt_s, cutoff_hz=fastest_hz(dt_s)) ** 2, axis=1))
     return found
-
-
-def fastest_hz(dt_s: float) -> float:
-    """Motion that is faster is taken for noise."""
-    return min(30.0, 0.2 / dt_s)
 
 
 def _series(xyz_m: Array) -> Iterator[tuple[int, Array]]:

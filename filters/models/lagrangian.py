@@ -11,7 +11,7 @@ from mocap.filters.models.pose import PoseSettings, unseen_potential
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.lagrangian import LagrangianMotion
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.poses import MATERN_HALF
+from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF
 from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
@@ -19,9 +19,11 @@ from eal import EmpiricalPotential, RotationKernel
 from eal.arrays import Array
 
 FLESH = 0.3
-"""Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest."""
+"""Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest.
+Chosen on one flight of a bat (docs/experiments/joints_measured.md)."""
 CHARGED = 0.1
-"""An unseen pose of the same motion is charged so much of the mean kinetic energy."""
+"""An unseen pose of the same motion is charged so much of the mean kinetic energy. Of 0.03, 0.1 and 0.3
+chosen on one flight of a bat (docs/experiments/joints_measured.md)."""
 
 
 def bodies_of(model: ArticulatedMotion, anatomy: Anatomy, trunk: float) -> Bodies:
@@ -79,7 +81,7 @@ def with_lagrangian(
     """
     bodies = bodies_of(model, anatomy, trunk)
     arm, basis, own = model.arm_m, model.subspace.basis, model.subspace.residual_sd
-    rate = 1.6783 / MATERN_HALF * model.residual_rate_hz  # at which a Matern-3/2 process is as correlated
+    rate = MATERN_3_2_HALF / MATERN_HALF * model.residual_rate_hz  # at which a Matern-3/2 process is as correlated
     count = len(arm)
     rest = model.subspace.mean / arm
     root = np.linalg.cholesky(inner_mass(bodies, rest)).T

@@ -34,7 +34,8 @@ CENTRES = 200
 """Most samples that V_z is learned from."""
 WEIGHT = 4.0
 """Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units of the log
-density (``with_potential``)."""
+density (``with_potential``). Of 1, 4 and 16 measured (docs/experiments/stiffness.md,
+potential_of_limbs.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)

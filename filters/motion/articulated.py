@@ -6,16 +6,15 @@ from functools import cached_property
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, Smoothed, View
 from mocap.filters.motion.pose import PoseMotion
-from mocap.filters.tree import Posed, Tree, left_jacobian
+from mocap.filters.tree import STEP_RAD, Posed, Tree, left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array, skew
 
 BENT_RAD = 0.1
-"""Rotations by less than so many radians move markers along nearly straight lines."""
-STEP_RAD = 0.5
-"""Steps of an iterated update turn a joint by at most so many radians."""
+"""Rotations by less than so many radians move markers along nearly straight lines: off them by
+1 - cos 0.1 = 0.5 % of the segment."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

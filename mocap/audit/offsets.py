@@ -16,7 +16,7 @@ from mocap.cameras.triangulate import linear
 from mocap.findings import Finding
 
 BLOCKS = 12
-"""Stretches of a recording, to see how far results of parts of it differ."""
+"""Stretches of a recording, to see how far results of parts of it differ: a deviation to 1 / sqrt(2 * 11) = 21 %."""
 CLEAR_SD = 4.0
 """An offset is believed where it is more than a frame and so many standard deviations: by chance 1 in 16,000 is."""
 _I, _J, _TWICE = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2], np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
@@ -124,6 +124,8 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 LEAST_FRAMES = 0.1
+"""A camera is named from so many frames on. Chosen: of cameras late by 0.3 frames half are found
+(docs/experiments/audit_measured.md)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -232,7 +234,7 @@ def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]
         f"{n} {d:+.2f} ± {s:.2f}" for n, d, s in zip(names, found.offset_frames, found.sd_frames, strict=True)
     )
     clear = (np.abs(found.offset_frames) > np.maximum(CLEAR_SD * found.sd_frames, LEAST_FRAMES)) & (
-        found.after_px < 0.95 * found.before_px
+        found.after_px < 0.95 * found.before_px  # chosen, not measured
     )
     if not clear.any():
         return [
@@ -299,7 +301,7 @@ def _system(matrices: Array, uv: Array) -> tuple[Array, Array, NDArray[np.int64]
     speed = np.full_like(xyz, np.nan)
     speed[1:-1] = (xyz[2:] - xyz[:-2]) / 2
     moving = np.isfinite(speed).all(axis=-1) & np.isfinite(xyz[..., 0])
-    if np.count_nonzero(moving) < 25:
+    if np.count_nonzero(moving) < 25:  # points, of two cameras each: 50 pixels, for 3 unknowns a camera
         return None
     problem = linearise(matrices, uv[:, moving], xyz[moving])
     n_cameras, n_points = problem.seen.shape

@@ -9,9 +9,8 @@ from mocap.findings import MOST, Finding
 from mocap.io.plausible import rounding
 from mocap.records import MarkerTracks, PixelTracks
 
-STEPS_PX = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
 BESIDE = 2
-"""Steps on each side of repeated frames of which one has at least half of the usual length."""
+"""Steps on each side of repeated frames of which one has at least half of the usual length. Chosen, not measured."""
 BODY_M = (2e-3, 15.0)
 """Sizes of animals and parts of them, from the wing of a fly to a whale."""
 
@@ -44,9 +43,9 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
     def on(step: float) -> float:
         return float(np.mean(np.abs(values / step - np.round(values / step)) * step < 1e-6))
 
-    step = next((s for s in STEPS_PX if on(s) > 0.995), None)
-    held = values.max() < 6e4 and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
-    finest = next((s for s in 2.0 ** np.arange(4, -14, -1) if on(s) == 1), None) if held else None
+    step = next((s for s in 2.0 ** np.arange(4, -4, -1) if on(s) > 0.995), None)
+    half_precision = values.max() < 6e4 and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
+    finest = next((s for s in 2.0 ** np.arange(4, -14, -1) if on(s) == 1), None) if half_precision else None
     if finest is not None and np.count_nonzero(values >= 2048 * finest) >= 20:  # by chance once in a million
         coarsest = float(2.0 ** np.floor(np.log2(values.max() / 1024)))
         text = (
@@ -84,11 +83,12 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
         return []
     alone = np.count_nonzero(same[~repeats]) / max(np.count_nonzero(both[~repeats]), 1)
     markers = float(np.count_nonzero(both, axis=1)[repeats].mean())
+    # by chance all stand still in one frame of a hundred
     if alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5):
         return []  # markers stand still one by one, so that all of them may by chance
     length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
-    known = np.isfinite(length)
-    step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    finite = np.isfinite(length)
+    step = np.where(finite.any(axis=1), np.nansum(length, axis=1) / np.maximum(finite.sum(axis=1), 1), np.nan)
     usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
     # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
     moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
@@ -121,7 +121,7 @@ def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
             both = pixels.seen[a] & pixels.seen[b]
             same = (pixels.uv_px[a] == pixels.uv_px[b]).all(axis=-1) & both
             places = len(np.unique(pixels.uv_px[a][same], axis=0))  # one: where hidden points were left
-            if places >= 5 and same.sum() > 0.05 * both.sum():
+            if places >= 5 and same.sum() > 0.05 * both.sum():  # by chance not one is the same in every digit
                 names = (pixels.cameras[b], pixels.cameras[a])
                 found.append(
                     Finding(
@@ -170,12 +170,14 @@ def sizes(xyz_m: Array) -> list[Finding]:
 
 
 FAST = 1.5
-"""A jump is faster by that factor than this quantile of all steps between neighbouring frames."""
+"""A jump is faster by that factor than this quantile of all steps between neighbouring frames. Chosen: none of 200
+clean recordings is accused (docs/experiments/audit_measured.md)."""
 AROUND = 3
-"""Samples before and after a jump, with no more than one frame missing between them, that move as usual."""
+"""Samples before and after a jump, with no more than one frame missing between them, that move as usual: none of 200
+clean recordings is accused (docs/experiments/audit_measured.md)."""
 APART = 0.1
 """No jump is shorter than that share of the way to the nearest other marker: soft tissue and noise move one as far.
-It goes to another marker's place where it ends within that share of its own length from there."""
+Chosen. It goes to another marker's place where it ends within that share of its own length from there."""
 
 
 def usual_speed(xyz_m: Array, t_s: Array) -> float:
@@ -213,7 +215,7 @@ def jump_findings(
         return []
     usual = limit / FAST
     per = "/s" if timed else " per frame"
-    told = "{:.3g} m/s".format if timed and length == "mm" else (lambda speed: f"{1e3 * speed:.4g} {length}{per}")
+    with_unit = "{:.3g} m/s".format if timed and length == "mm" else (lambda speed: f"{1e3 * speed:.4g} {length}{per}")
     found = []
     for m, name in enumerate(names):
         frames = np.flatnonzero(np.isfinite(xyz_m[:, m, 0]))
@@ -246,7 +248,7 @@ def jump_findings(
                     kind="jump",
                     alarm=True,
                     text=f"{name!r} jumps by {1e3 * far:.4g} {length} between frames {one} and "
-                    f"{next_one} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
+                    f"{next_one} ({with_unit(speed[i])}; 99.9 % of all steps are slower than {with_unit(usual)}): "
                     f"{cause}: check these frames before filling",
                     numbers={"length": far, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),

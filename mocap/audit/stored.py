@@ -75,7 +75,7 @@ def stored_findings(matrices: Array, ideal_px: Array, stored: MarkerTracks, *, c
     found = _columns(xyz, stored, both)
     named = {m for f in found for m in f.markers}
     rest = both & ~np.isin(stored.names, list(named))
-    if rest.any() and np.mean(off[rest] <= PRINTED_M) < 0.5:
+    if rest.any() and np.mean(off[rest] <= PRINTED_M) < 0.5:  # edits are of fewer than half of the points
         found += _shifted(xyz, stored) or _half_solve(matrices, ideal_px, stored, cameras)
     if found or share == 1.0:
         return found
@@ -89,6 +89,7 @@ def stored_findings(matrices: Array, ideal_px: Array, stored: MarkerTracks, *, c
         f"{np.median(off[wrong]):.2g} m, up to {off[wrong].max():.2g} m)"
     )
     ours, theirs = (float(np.median(residual_px(matrices, ideal_px, points)[wrong])) for points in (xyz, stored.xyz_m))
+    # a tenth more, as of distortion (``mocap.audit.geometry``); chosen
     as_good = share <= 0.5 and theirs < 1.1 * ours  # linear least squares: they fit as well
     cause = (
         f"they fit the pixels as well ({theirs:.2f} px, {ours:.2f} px by linear least squares): another method"
@@ -125,6 +126,7 @@ def other_world(xyz_m: Array, stored_points: MarkerTracks) -> Finding | None:
     """
     both = stored_points.seen & np.isfinite(xyz_m[..., 0])
     xyz, stored = xyz_m[both], stored_points.xyz_m[both]
+    # an affine map has 12 numbers: 4 points fit any, 12 tell three times over
     if len(xyz) < 12 or np.mean(np.linalg.norm(xyz - stored, axis=-1) <= PRINTED_M) > 0.5:
         return None
     ones = np.concatenate([xyz, np.ones((len(xyz), 1))], axis=1)
@@ -137,6 +139,7 @@ def other_world(xyz_m: Array, stored_points: MarkerTracks) -> Finding | None:
     left = float(np.median(off))
     spread = float(np.median(np.linalg.norm(stored - np.median(stored, axis=0), axis=-1)))
     scale = float(np.cbrt(np.abs(np.linalg.det(affine[:3]))))
+    # of worlds that differ by a twentieth of the scene, the map leaves a tenth, and 2 % of the scene; chosen
     if left > 0.1 * apart or left > 0.02 * spread or apart < 0.05 * spread:
         return None
     return Finding(
@@ -159,11 +162,13 @@ def _agree(a: Array, b: Array) -> tuple[float, int]:
 def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_]) -> list[Finding]:
     found = []
     for m, name in enumerate(stored.names):
-        if not both[:, m].any() or _agree(xyz[:, m], stored.xyz_m[:, m])[0] > 0.2:
+        if (
+            not both[:, m].any() or _agree(xyz[:, m], stored.xyz_m[:, m])[0] > 0.2
+        ):  # between none, of other columns, and all
             continue
         shares = [_agree(xyz[:, k], stored.xyz_m[:, m]) for k in range(len(stored.names))]
         k = max(range(len(shares)), key=lambda k: shares[k])
-        if shares[k][0] > 0.8 and shares[k][1] >= 3:
+        if shares[k][0] > 0.8 and shares[k][1] >= 3:  # by chance none agrees to micrometres
             found.append(
                 Finding(
                     kind="wrong columns",
@@ -178,14 +183,14 @@ def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_]) -> list[
 
 def _shifted(xyz: Array, stored: MarkerTracks) -> list[Finding]:
     n = len(xyz)
-    most = min(50, n - 1)
+    most = min(50, n - 1)  # frames that are tried: what a digitiser's offset may be; chosen
     shares = {
         s: _agree(xyz[max(0, -s) : n - max(0, s)], stored.xyz_m[max(0, s) : n - max(0, -s)])
         for s in range(-most, most + 1)
         if s
     }
     s = max(shares, key=lambda s: shares[s][0], default=0)
-    if not s or shares[s][0] < 0.5 or shares[s][1] < 5:
+    if not s or shares[s][0] < 0.5 or shares[s][1] < 5:  # by chance none agrees to micrometres
         return []
     return [
         Finding(

@@ -46,7 +46,7 @@ def minimise(
     state: State,
     *,
     residuals: Callable[[State], Array],
-    jacobian: Callable[[State], sparse.csr_array],
+    normal: Callable[[State, Array, Array], tuple[sparse.csc_array, Array]],
     retract: Callable[[State, Array], State],
     groups: NDArray[np.int64],
     robust: float | None = 3.0,
@@ -61,7 +61,8 @@ def minimise(
     Args:
         state: Where to start.
         residuals: State to (n,) residuals in standard deviations.
-        jacobian: State to their (n, p) derivatives by a step.
+        normal: State, (n,) weights W and residuals r to J^T W J, whose whole diagonal is stored, and J^T W r; J is the
+            (n, p) derivatives of the residuals by a step.
         retract: State and (p,) step to the next state.
         groups: (n,) number of the group of each residual, from 0; a group (u and v of a pixel) is believed as a whole.
         robust: c; None: plain least squares.
@@ -73,33 +74,31 @@ def minimise(
     cost, weight = _loss(error, groups, n_groups, robust)
     damping, steps = 1e-4, 0
     while steps < most_steps:
-        rows = jacobian(state)
-        heavy = rows.multiply(weight[groups, None]).tocsr()
-        normal = (rows.T @ heavy).tocsc()
-        gradient = heavy.T @ error
-        size = normal.diagonal()
+        squared, gradient = normal(state, weight[groups], error)
+        size = squared.diagonal()
         size = np.maximum(size, 1e-12 * size.max())
         better = False
         while not better and damping < 1e12:
-            factor = factorised(normal + sparse.diags_array(damping * size).tocsc())
-            trial = retract(state, -factor.solve(gradient))
+            trial = retract(state, -factorised(squared, damping * size).solve(gradient))
             new_error = residuals(trial)
             new_cost, new_weight = _loss(new_error, groups, n_groups, robust)
             better = bool(new_cost < cost)
             damping = max(damping / 10, 1e-12) if better else damping * 10
         if not better:
-            return Minimum(state, cost, weight, normal, steps, True)
+            return Minimum(state, cost, weight, squared, steps, True)
         steps += 1
         settled = cost - new_cost <= tolerance * (cost + 1e-300)
         state, error, cost, weight = trial, new_error, new_cost, new_weight
         if settled:
-            return Minimum(state, cost, weight, normal, steps, True)
-    return Minimum(state, cost, weight, normal, steps, False)
+            return Minimum(state, cost, weight, squared, steps, True)
+    return Minimum(state, cost, weight, squared, steps, False)
 
 
-def factorised(normal: sparse.csc_array) -> SuperLU:
-    """LU factors of a symmetric positive definite matrix, in its own order."""
-    return splu(normal, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+def factorised(normal: sparse.csc_array, more: Array) -> SuperLU:
+    """LU factors of a symmetric positive definite matrix with more on its diagonal, in its own order."""
+    added, columns = normal.copy(), np.repeat(np.arange(len(more)), np.diff(normal.indptr))
+    added.data[added.indices == columns] += more
+    return splu(added, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def _loss(error: Array, groups: NDArray[np.int64], n_groups: int, robust: float | None) -> tuple[float, Array]:
@@ -169,18 +168,49 @@ class _Problem:
         n_cameras = self.n_cameras = len(scene.cameras)
         self.coefficients = [np.flatnonzero(c) for c in free.coefficients or [()] * n_cameras]
         self.n_focal = {"none": 0, "one": 1, "two": 2}[free.focal]
-        self.pose = [6 if i != free.held else 0 for i in range(n_cameras)]
+        self.pose = [6 if i != free.fixed else 0 for i in range(n_cameras)]
         lens = [self.n_focal + 2 * free.centre + len(c) for c in self.coefficients]
         self.start = self.n_bodies * self.body_size + np.cumsum([0, *np.add(self.pose, lens)])
-        self.mine = [np.flatnonzero(sightings.camera == i) for i in range(n_cameras)]
+        by_body = np.argsort(sightings.body, kind="stable")
+        self.mine = [by_body[sightings.camera[by_body] == i] for i in range(n_cameras)]
         n = len(sightings.camera)
         self.groups = np.concatenate([np.repeat(np.arange(n), 2), n + np.arange(len(lengths.first))])
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        """Where the blocks of the normal matrix go: its pattern, and the place in it of each number of each block."""
+        size, last, rows, columns = self.body_size, int(self.start[-1]), [], []
+
+        def put(row: NDArray, column: NDArray) -> None:
+            for store, what in ((rows, row[..., :, None]), (columns, column[..., None, :])):
+                store.append(np.broadcast_to(what, (*row.shape, column.shape[-1])).ravel())
+
+        self.first = []
+        for i, at in enumerate(self.mine):
+            body = self.seen.body[at]
+            self.first.append(np.flatnonzero(np.diff(body, prepend=-1)))
+            if not len(at):
+                continue
+            bodies = size * body[self.first[i], None] + np.arange(size)
+            own = np.arange(self.start[i], self.start[i + 1])
+            camera = np.broadcast_to(own, (len(bodies), len(own)))
+            for row, column in ((bodies, bodies), (bodies, camera), (camera, bodies), (own, own)):
+                put(row, column)
+        self.ends = size * np.stack([self.lengths.first, self.lengths.second], axis=-1)[..., None] + size - 3
+        ends = (self.ends + np.arange(3)).reshape(-1, 6)
+        put(ends, ends)
+        every = np.concatenate(
+            [*(last * c + r for r, c in zip(rows, columns, strict=True)), np.arange(last) * (last + 1)]
+        )
+        found, self.place = np.unique(every, return_inverse=True)
+        self.indices = found % last
+        self.indptr = np.searchsorted(found, last * np.arange(last + 1))
 
     def solve(self, scene: Scene, sd: float, robust: float | None) -> Minimum[Scene]:
         return minimise(
             scene,
             residuals=lambda s: self.residuals(s, sd),
-            jacobian=lambda s: self.jacobian(s, sd),
+            normal=lambda s, weight, error: self.normal(s, sd, weight, error),
             retract=self.retract,
             groups=self.groups,
             robust=robust,
@@ -205,40 +235,49 @@ class _Problem:
         apart = np.linalg.norm(scene.position_m[self.lengths.first] - scene.position_m[self.lengths.second], axis=-1)
         return (self.lengths.length_m - apart) / self.lengths.sd_m
 
-    def jacobian(self, scene: Scene, sd: float) -> sparse.csr_array:
-        rows, columns, values = [], [], []
+    def slopes(self, scene: Scene, sd: float, i: int) -> tuple[Array, Array]:
+        """(n, 2, .) derivatives of the residuals of a camera's sightings by their bodies and by the camera."""
+        camera, at = scene.cameras[i], self.mine[i]
+        world = self.world(scene, at)
+        by_axes, by_lens, axes = self._camera_slopes(i, camera, world)
+        by_world = by_axes @ camera.rotation
+        body = [by_world]
+        if self.free.orientation:
+            body.insert(0, -by_world @ skew(world - scene.position_m[self.seen.body[at]]))
+        own = [-by_axes @ skew(axes - camera.translation_m), by_axes] if self.pose[i] else []
+        return -np.concatenate(body, axis=-1) / sd, -np.concatenate([*own, by_lens], axis=-1) / sd
 
-        def put(row: NDArray, column: NDArray, block: Array) -> None:
-            shape = np.broadcast_shapes(row.shape, column.shape, block.shape)
-            for store, what in ((rows, row), (columns, column), (values, block)):
-                store.append(np.broadcast_to(what, shape).ravel())
+    def _length_slopes(self, scene: Scene) -> Array:
+        """(K, 6) derivatives of the errors of known distances by the places of their first and second end."""
+        apart = scene.position_m[self.lengths.first] - scene.position_m[self.lengths.second]
+        along = apart / (np.linalg.norm(apart, axis=-1) * self.lengths.sd_m)[:, None]
+        return np.concatenate([-along, along], axis=-1)
 
-        for i, (camera, at) in enumerate(zip(scene.cameras, self.mine, strict=True)):
+    def normal(self, scene: Scene, sd: float, weight: Array, error: Array) -> tuple[sparse.csc_array, Array]:
+        """J^T W J, and J^T W r, added up over each body's sightings by each camera."""
+        gradient, blocks, pixels = np.zeros(int(self.start[-1])), [], 2 * len(self.seen.camera)
+        for i, (at, first) in enumerate(zip(self.mine, self.first, strict=True)):
             if not len(at):
                 continue
-            row = (2 * at[:, None] + np.arange(2))[:, :, None]
-            by_axes, by_lens, axes = self._camera_slopes(i, camera, self.world(scene, at))
-            by_world = by_axes @ camera.rotation
-            body = [by_world]
-            if self.free.orientation:
-                arm = self.world(scene, at) - scene.position_m[self.seen.body[at]]
-                body.insert(0, -by_world @ skew(arm))
-            column = (self.body_size * self.seen.body[at][:, None] + np.arange(self.body_size))[:, None, :]
-            put(row, column, -np.concatenate(body, axis=-1) / sd)
-            own = [-by_axes @ skew(axes - camera.translation_m), by_axes] if self.pose[i] else []
-            block = np.concatenate([*own, by_lens], axis=-1)
-            put(row, (self.start[i] + np.arange(block.shape[-1]))[None, None, :], -block / sd)
-        if len(self.lengths.first):
-            apart = scene.position_m[self.lengths.first] - scene.position_m[self.lengths.second]
-            along = apart / np.linalg.norm(apart, axis=-1)[:, None] / self.lengths.sd_m[:, None]
-            row = (2 * len(self.seen.camera) + np.arange(len(along)))[:, None]
-            shift = self.body_size - 3 + np.arange(3)
-            put(row, self.body_size * self.lengths.first[:, None] + shift, -along)
-            put(row, self.body_size * self.lengths.second[:, None] + shift, along)
-        shape = (2 * len(self.seen.camera) + len(self.lengths.first), int(self.start[-1]))
-        return sparse.coo_array(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
-        ).tocsr()
+            body, own = self.slopes(scene, sd, i)
+            heavy, off = weight[:pixels].reshape(-1, 2)[at], error[:pixels].reshape(-1, 2)[at]
+            by_body, by_own = body * heavy[..., None], own * heavy[..., None]
+            inside = np.add.reduceat(by_body.swapaxes(1, 2) @ body, first)
+            across = np.add.reduceat(by_body.swapaxes(1, 2) @ own, first)
+            flat = own.reshape(2 * len(own), own.shape[-1])
+            blocks += [inside, across, across.swapaxes(1, 2), flat.T @ by_own.reshape(flat.shape)]
+            bodies = gradient[: self.n_bodies * self.body_size].reshape(self.n_bodies, -1)
+            bodies[self.seen.body[at[first]]] += np.add.reduceat(np.einsum("nki,nk->ni", by_body, off), first)
+            gradient[self.start[i] : self.start[i + 1]] = np.einsum("nki,nk->i", by_own, off)
+        along = self._length_slopes(scene)
+        by_length = along * weight[pixels:, None]
+        blocks.append(by_length[:, :, None] * along[:, None, :])
+        for end, part in enumerate((slice(3), slice(3, 6))):
+            np.add.at(gradient, self.ends[:, end] + np.arange(3), by_length[:, part] * error[pixels:, None])
+        values = np.concatenate([block.ravel() for block in blocks])
+        data = np.bincount(self.place[: len(values)], weights=values, minlength=len(self.indices))
+        shape = (len(gradient), len(gradient))
+        return sparse.csc_array((data, self.indices, self.indptr), shape=shape), gradient
 
     def _camera_slopes(self, i: int, camera: RigCamera, world: Array) -> tuple[Array, Array, Array]:
         """Derivatives of the pixels (n, 2, .) by camera coordinates and by the free numbers of the lens."""
@@ -291,18 +330,18 @@ class _Problem:
     def lens_covariance(self, scene: Scene, sd: float, minimum: Minimum[Scene]) -> tuple[Array, ...]:
         """Covariance of the free numbers of each lens, from the inverse normal matrix.
 
-        Errors of one picture of a board are not independent (a board bends, its corners are blurred alike). With one
+        Errors of one image of a board are not independent (a board bends, its corners are blurred alike). With one
         camera C is therefore widened by one factor for all its numbers, tr(C sum_b g_b g_b^T) over what that is for
-        independent errors, where it is above 1 (the sandwich of Liang & Zeger 1986, without the bias of few pictures,
-        as Bell & McCaffrey 2002): g_b = L_b^T W r_b is the score of picture b (that of its pose is 0 at the minimum),
-        and of independent errors g_b has covariance A_b - A_b C A_b, A_b what the picture tells of the lens.
+        independent errors, where it is above 1 (the sandwich of Liang & Zeger 1986, without the bias of few images,
+        as Bell & McCaffrey 2002): g_b = L_b^T W r_b is the score of image b (that of its pose is 0 at the minimum),
+        and of independent errors g_b has covariance A_b - A_b C A_b, A_b what the image tells of the lens.
         """
         numbers = [np.arange(a + p, b) for a, b, p in zip(self.start[:-1], self.start[1:], self.pose, strict=True)]
         every = np.concatenate(numbers)
         if not len(every):
             return tuple(np.zeros((0, 0)) for _ in numbers)
         size = minimum.normal.diagonal()
-        factor = factorised(minimum.normal + sparse.diags_array(1e-12 * size + 1e-300).tocsc())
+        factor = factorised(minimum.normal, 1e-12 * size + 1e-300)
         unit = np.zeros((int(self.start[-1]), len(every)))
         unit[every, np.arange(len(every))] = 1.0
         solved = factor.solve(unit)
@@ -312,23 +351,24 @@ class _Problem:
             found.append((block + block.T) / 2)
             done += len(at)
         if self.n_cameras == 1 and self.free.orientation and self.n_bodies > 1:
-            found[0] *= max(1.0, self._dispersion(scene, sd, minimum, found[0], numbers[0]))
+            found[0] *= max(1.0, self._dispersion(scene, sd, minimum, found[0]))
         return tuple(found)
 
-    def _dispersion(
-        self, scene: Scene, sd: float, minimum: Minimum[Scene], covariance: Array, at: NDArray[np.int64]
-    ) -> float:
-        slopes, residual = self.jacobian(scene, sd), self.residuals(scene, sd)
-        root = np.sqrt(minimum.weight[self.groups])
+    def _dispersion(self, scene: Scene, sd: float, minimum: Minimum[Scene], covariance: Array) -> float:
+        (by_body, by_own), at_body = self.slopes(scene, sd, 0), self.seen.body[self.mine[0]]
+        residual = self.residuals(scene, sd).reshape(-1, 2)[self.mine[0]]
+        root = np.sqrt(minimum.weight[self.mine[0]])
         found = expected = 0.0
-        for body in range(self.n_bodies):
-            rows = np.flatnonzero(np.repeat(self.seen.body == body, 2))
-            scaled = slopes[rows].toarray() * root[rows, None]
-            lens, pose = scaled[:, at], scaled[:, self.body_size * body : self.body_size * (body + 1)]
+        for rows in np.split(np.arange(len(at_body)), self.first[0][1:]):
+            pose, lens = (
+                (part[rows] * root[rows, None, None]).reshape(2 * len(rows), -1) for part in (by_body, by_own)
+            )
             lens = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
-            score, told = lens.T @ (root[rows] * residual[rows]), lens.T @ lens
+            score, information = lens.T @ (root[rows, None] * residual[rows]).ravel(), lens.T @ lens
             found += float(score @ covariance @ score)
-            expected += float(np.trace(covariance @ told) - np.trace(covariance @ told @ covariance @ told))
+            expected += float(
+                np.trace(covariance @ information) - np.trace(covariance @ information @ covariance @ information)
+            )
         return found / expected
 
 

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.cameras.camera import project
 from mocap.cameras.normal_equations import fit, linearise
-from mocap.cameras.triangulate import linear, pixel_sd, refine, residual_px
+from mocap.cameras.triangulate import MISSES, linear, pixel_sd, refine, residual_px
 from mocap.cleaning.click_noise import SHRINK
-from mocap.filters.models.constant_velocity import fastest_hz
-from mocap.filters.whittaker import smooth_series, smoother
+from mocap.filters.whittaker import fastest_hz, smooth_series, smoother
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,8 +115,6 @@ UNSEEN = 2.0
 """Variance of lasting errors that all cameras of a point share, over that of those which differ between cameras. Rays
 show nothing of it: it is by how much a network's points are off two people's beyond what rays show (three flights: 1.5
 to 3)."""
-FEWEST = 30.0
-"""Redundant errors without which nothing is said of what lasts."""
 
 
 def persistent_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array) -> Array:
@@ -137,7 +134,7 @@ def persistent_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Arra
     if uv_px.shape[1] <= LAG:
         return np.full(uv_px.shape[2], np.nan)
     share, product = _at_lag(*_relative_residuals(matrices, uv_px, xyz_m, relative), LAG)
-    if share.sum() < FEWEST:
+    if share.sum() < SHRINK:  # else more would be drawn than is known
         return np.full(uv_px.shape[2], np.nan)
     usual = product.sum() / max(float(share.sum()), 1e-12)
     return np.sqrt(np.maximum((product + SHRINK * usual) / (share + SHRINK), 0.0))
@@ -158,7 +155,7 @@ def share_left(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array) 
     """
     n_frames, found = uv_px.shape[1], _relative_residuals(matrices, uv_px, xyz_m, relative)
     share, product = (float(part.sum()) for part in _at_lag(*found, 0))
-    if n_frames <= LAG or share < FEWEST:
+    if n_frames <= LAG or share < SHRINK:
         return 1 - 1 / max(n_frames, LAG)
     usual, covariances = product / share, list[float]()
     for lag in range(LAG, n_frames):
@@ -204,10 +201,6 @@ def lasting_share(lasting_px: Array, usual_px: Array, *, removed_px: float = 0.0
     return np.where(np.isfinite(lasting_px), known, unknown)
 
 
-ERROR = 5.0
-"""Rays miss each other if they do so by more standard deviations (``mocap.cameras.triangulate.robust``)."""
-
-
 def hand_sd(matrices: Array, hand_px: Array, *, usual_px: float) -> tuple[float, NDArray[np.bool_]]:
     """Standard deviation of a coordinate of a person's clicks, and (...) points at which these contradict each other.
 
@@ -221,10 +214,10 @@ def hand_sd(matrices: Array, hand_px: Array, *, usual_px: float) -> tuple[float,
     """
     free = np.maximum(2 * np.isfinite(hand_px[..., 0]).sum(axis=0) - 3, 0)
     missed = np.nan_to_num(residual_px(matrices, hand_px, linear(matrices, hand_px)))
-    met = (free > 0) & (missed <= ERROR * usual_px)
+    met = (free > 0) & (missed <= MISSES * usual_px)
     squares = SHRINK * usual_px**2 + np.sum((free * missed**2)[met])
     sd = float(np.sqrt(squares / (SHRINK + free[met].sum())))
-    return sd, missed > ERROR * max(sd, usual_px)
+    return sd, missed > MISSES * max(sd, usual_px)
 
 
 def carried(

@@ -17,9 +17,10 @@ from mocap.cameras.triangulate import linear
 from mocap.cleaning.click_noise import USUAL_DOF
 
 BAD, WORSE = 3.0, 2.0
-"""A camera is bad from the frame in which its level exceeds WORSE times its good one, if it gets to BAD times."""
+"""A camera is bad from the frame in which its level exceeds WORSE times its good one, if it gets to BAD times. Chosen,
+not measured."""
 SHORTEST = 8
-"""Frames that a camera must be bad for; shorter runs are single digitising errors."""
+"""Frames that a camera must be bad for; shorter runs are single digitising errors. Chosen."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,12 +9,14 @@ from mocap.cameras.normal_equations import PAIRS, fit, linearise
 from mocap.cameras.triangulate import refine
 
 USUAL_DOF = 4.0
-"""Degrees of freedom that are assumed of a camera of which little is known: heavy tails with a variance."""
+"""Degrees of freedom that are assumed of a camera of which little is known: heavy tails with a variance. Chosen; what
+is learned of cameras is drawn to it (``DOFS``)."""
 DOFS = np.geomspace(3.0, 60.0, 16)
 """Degrees of freedom that are tried. Small and large digitising errors are a mixture, whose most likely t has 2: points
 are nearer to the truth with 3, intervals as good (0.677 mm, 95.6 % against 0.679 mm, 94.8 %; a bat, 8 cameras)."""
 SHRINK = 30.0
-"""Redundant errors that the factors of a camera and of a marker are shrunk to 1 by."""
+"""Redundant errors that the factors of a camera and of a marker are shrunk to 1 by. Chosen: so many show a scale to
+1 / sqrt(2 * 30) = 13 %."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -129,7 +131,7 @@ def _most_likely_dof(distance: Array) -> float:
 
 
 LEAST_PX = 0.01
-"""No pixel is known better than that, not even where pixels were simulated without noise."""
+"""No pixel is known better than that, not even where pixels were simulated without noise. Chosen."""
 
 
 def student_t(

@@ -2,7 +2,7 @@
 
 A network or a digitiser exchanges two markers in one camera, in several, or in all, and each of them by itself. What
 the rays show of a frame is the same for a set of cameras and for its complement; in which the names are right, the
-paths of the clicks in each picture tell, as they go on smoothly where names do not change. An exchange is undone only
+paths of the clicks in each image tell, as they go on smoothly where names do not change. An exchange is undone only
 where its probability, given all frames, is close to one; where it is in between, clicks are left out and reported.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.triangulate import robust
 from mocap.cleaning.swapped_rays import agreement
-from mocap.cleaning.swaps import Swap, student_log, usual_length
+from mocap.cleaning.swaps import STEP, Swap, student_log, usual_length
 
 Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
@@ -24,11 +24,10 @@ Pair = tuple[int, int]
 CAMERAS = 4
 """Sets of exchanged cameras are gone through for so many cameras at most (16 sets)."""
 CHANGE = 7.0
-"""Negative log probability that two names change in one camera between two frames."""
+"""Negative log probability that two names change in one camera between two frames: one in 1100.
+Chosen; with it 2 of 179 repairs were wrong (docs/experiments/arena.md)."""
 SAME_ERROR_FRAMES = 4.0
-"""Errors of a ray persist: so many frames count as one."""
-CARRIED = 3
-"""Frames over which a click is compared with the last one of its name."""
+"""Errors of a ray persist: so many frames count as one. Chosen, not measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,7 +52,7 @@ def settle(
 
     The state of a frame is the set of cameras in which they are. Its log density: how the rays of both markers meet
     (``_fits``) and how far the markers are from the others (``_distances``), over ``SAME_ERROR_FRAMES``; from frame to
-    frame how the clicks of each move in each picture (``_moves``), less ``CHANGE`` for each camera that changes.
+    frame how the clicks of each move in each image (``_moves``), less ``CHANGE`` for each camera that changes.
     Probabilities of states follow from all frames by the forward-backward recursions (Rabiner 1989).
 
     Undone are only exchanges in half of the cameras or fewer, in runs that begin and end with all names right and in
@@ -148,7 +147,7 @@ def _distances(xyz_m: Array, points: Array, pair: Pair) -> Array:
 
 
 def _drift(uv_px: Array) -> Array:
-    """(C, T, 2) median motion of all clicks in each picture since the frame before; 0 where unknown."""
+    """(C, T, 2) median motion of all clicks in each image since the frame before; 0 where unknown."""
     step = np.diff(uv_px, axis=1)
     out = np.zeros((*uv_px.shape[:2], 2))
     known = np.isfinite(step[..., 0]).any(axis=2)
@@ -161,7 +160,7 @@ def _moves(uv: Array, drift: Array, states: NDArray[np.int64]) -> Array:
 
     Steps of each marker, less the drift of all, are of Student's t with the deviation that steps of these names usually
     have in that camera. A name that was not clicked in the frame before is compared with its last click up to
-    ``CARRIED`` frames ago.
+    ``STEP`` frames ago.
     """
     n_cameras, n_frames = uv.shape[:2]
     total = np.zeros((n_frames, len(states), len(states)))
@@ -190,10 +189,10 @@ def _moves(uv: Array, drift: Array, states: NDArray[np.int64]) -> Array:
 
 
 def _carried(still: Array) -> tuple[Array, Array]:
-    """(T, 2, 2) the last click of each name up to ``CARRIED`` frames ago, and (T, 2) how many."""
+    """(T, 2, 2) the last click of each name up to ``STEP`` frames ago, and (T, 2) how many."""
     last, age = still.copy(), np.zeros(still.shape[:2])
     for frame in range(1, len(still)):
-        lost = ~np.isfinite(last[frame, :, 0]) & (age[frame - 1] < CARRIED)
+        lost = ~np.isfinite(last[frame, :, 0]) & (age[frame - 1] < STEP)
         last[frame, lost], age[frame, lost] = last[frame - 1, lost], age[frame - 1, lost] + 1
     return last, age
 

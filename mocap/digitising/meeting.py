@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from eal.arrays import Array
-from mocap.digitising.naming import MARGIN, seen_from
-
-_FAR = 1e6
+from mocap.digitising.naming import FAR, MARGIN, seen_from
+from mocap.digitising.register import GATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +121,11 @@ def name_points(
     spread = cov_m2[markers] + error_m**2 * np.eye(3)
     d2 = np.einsum("lni,lij,lnj->ln", away, np.linalg.inv(spread), away)
     count = (made >= 0).sum(axis=1)
-    # chi-square of 3 degrees of freedom that one right point in a thousand exceeds
-    cost = np.where(d2 < 16.3, d2 + np.log(np.linalg.det(spread / error_m**2))[:, None], _FAR)
+    cost = np.where(d2 < GATE, d2 + np.log(np.linalg.det(spread / error_m**2))[:, None], FAR)
     cost -= 8.0 * (count - 2)  # a chance meeting of a further ray is rare
     if faint is not None:
         cost += np.where(made >= 0, faint[np.arange(len(faint)), np.maximum(made, 0)], 0.0).sum(axis=1)
-    held = np.zeros(cost.shape, dtype=bool)
+    expected = np.zeros(cost.shape, dtype=bool)
     for row, marker in enumerate(markers):
         for a, b in ((0, 1), (1, 0)):
             mine = np.flatnonzero((bones.ends[:, a] == marker) & np.isfinite(bones.length_m))
@@ -137,10 +135,10 @@ def name_points(
                     continue
                 long = np.linalg.norm(xyz_m - at[other], axis=1) - bones.length_m[bone]
                 error = (long / np.hypot(bones.sd_m[bone], 1.5 * error_m)) ** 2
-                cost[row] = np.where(error < 16, cost[row] + error, _FAR)
-                held[row] |= error < 9
-    cost[(count[None] < 3) & ~held] = _FAR
-    ok = cost < _FAR / 2
+                cost[row] = np.where(error < 16, cost[row] + error, FAR)
+                expected[row] |= error < 9
+    cost[(count[None] < 3) & ~expected] = FAR
+    ok = cost < FAR / 2
     if not ok.any():
         return []
     nothing = 30.0

@@ -8,13 +8,14 @@ from scipy.optimize import linear_sum_assignment
 
 from eal.arrays import Array
 
-GATE = 18.4
+GATE = 2 * np.log(1e4)
 """Chi-square of two degrees of freedom that one right dot in ten thousand exceeds: the window of a marker."""
 MARGIN = 7.0
 """A name is given where every other one is less likely by exp(3.5), 33 times."""
 UNSEEN = GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
-_FAR = 1e6
+FAR = 1e6
+"""Cost of what cannot be: above all that can, squares of a few tens."""
 MERGED = 0.25
 """Standard deviation of a dot of two markers in one, as a share of the distance at which two dots are apart."""
 
@@ -52,7 +53,7 @@ def seen_from(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
 
 
 def window_cov(jacobian: Array, cov_m2: Array, sd_px: float) -> Array:
-    """(C, M, 2, 2) covariance of where markers are in the pictures, the error of a dot included."""
+    """(C, M, 2, 2) covariance of where markers are in the images, the error of a dot included."""
     s = jacobian @ cov_m2 @ np.swapaxes(jacobian, -1, -2)
     s[..., 0, 0] += sd_px**2
     s[..., 1, 1] += sd_px**2
@@ -67,7 +68,7 @@ def name_dots(
     *,
     sd_px: Array,
     reach_px: float,
-    known: NDArray[np.int64] | None = None,
+    clicked_dots: NDArray[np.int64] | None = None,
     clicks: Array | None = None,
     barred: NDArray[np.bool_] | None = None,
     owner: NDArray[np.int64] | None = None,
@@ -90,8 +91,8 @@ def name_dots(
         xyz_m: (M, 3) predicted positions.
         cov_m2: (M, 3, 3) covariances of the predictions.
         sd_px: (C, K) standard deviation of each dot's coordinate.
-        reach_px: Markers that are predicted closer to each other in a picture than this may be one dot there.
-        known: (C, M) dots whose marker is known, by a click; -1: not.
+        reach_px: Markers that are predicted closer to each other in an image than this may be one dot there.
+        clicked_dots: (C, M) dots whose marker is known, by a click; -1: not.
         clicks: (C, M, 2) places that a person clicked where there is no dot; NaN: none.
         barred: (C, M) True where a person said that the marker is not to be seen.
         owner: (C, K) marker whose texture was followed there; -1: a dot, which may be any marker's; None: all are dots.
@@ -100,14 +101,14 @@ def name_dots(
         guessed: (C, M) True where ``known`` comes from rays that meet, not from a click; None: nowhere.
     """
     n_cameras, n_markers = len(matrices), len(xyz_m)
-    known = np.full((n_cameras, n_markers), -1) if known is None else known
+    clicked_dots = np.full((n_cameras, n_markers), -1) if clicked_dots is None else clicked_dots
     prior = np.linalg.inv(cov_m2)
     least = 1.5 * float(np.nanmin(sd_px)) if np.isfinite(sd_px).any() else 1.0
     at, cov = xyz_m, cov_m2
-    chosen = known.copy()
+    chosen = clicked_dots.copy()
     doubtful = np.zeros(n_markers, dtype=bool)
     assigned: NDArray[np.int64] | None = None
-    merged = np.zeros(known.shape, dtype=bool)
+    merged = np.zeros(clicked_dots.shape, dtype=bool)
     textured = np.zeros(n_markers, dtype=bool) if textured is None else textured
     others = np.zeros((n_cameras, n_markers, dots.shape[1]), dtype=bool)
     if barred is not None:
@@ -120,14 +121,14 @@ def name_dots(
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
         s = window_cov(jacobian, cov, least)
-        assigned, doubtful = _assigned(uv, s, dots, known, others, textured, faint, reach_px=reach_px)
+        assigned, doubtful = _assigned(uv, s, dots, clicked_dots, others, textured, faint, reach_px=reach_px)
         if before is not None and (assigned == before).all():
             break
         merged = _merged(uv, dots, assigned, textured, reach_px=reach_px)
         if guessed is not None:
-            merged &= guessed | (known < 0)
+            merged &= guessed | (clicked_dots < 0)
         loose = np.where(merged, MERGED * reach_px, 0.0)
-        at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks, loose)
+        at, cov, chosen = _fused(matrices, dots, assigned, clicked_dots, xyz_m, cov_m2, prior, sd_px, clicks, loose)
     rays = (chosen >= 0).sum(axis=0)
     if clicks is not None:
         rays = rays + np.isfinite(clicks[..., 0]).sum(axis=0)
@@ -152,7 +153,7 @@ def _assigned(
     uv: Array,
     s: Array,
     dots: Array,
-    known: NDArray[np.int64],
+    clicked_dots: NDArray[np.int64],
     others: NDArray[np.bool_],
     textured: NDArray[np.bool_],
     faint: Array | None,
@@ -167,15 +168,15 @@ def _assigned(
     if not n_dots:
         return np.full(uv.shape[:2], -1, dtype=np.int64), np.zeros(n_markers, dtype=bool)
     d2, log_det = away2(s, dots, uv)
-    cost = np.where(d2 < GATE, d2 + log_det[..., None], _FAR)  # NaN compares false
+    cost = np.where(d2 < GATE, d2 + log_det[..., None], FAR)  # NaN compares false
     if faint is not None:
         cost += faint[:, None]
-    cost[others] = _FAR
-    fixed = known >= 0
+    cost[others] = FAR
+    fixed = clicked_dots >= 0
     if fixed.any():
         camera, marker = np.nonzero(fixed)
-        cost[camera, :, known[camera, marker]] = _FAR
-        cost[fixed] = _FAR
+        cost[camera, :, clicked_dots[camera, marker]] = FAR
+        cost[fixed] = FAR
     pick = cost.argmin(axis=2)
     mine = np.take_along_axis(cost, pick[..., None], axis=2)[..., 0]
     pick = np.where(mine < UNSEEN, pick, -1)
@@ -186,7 +187,7 @@ def _assigned(
     has = pick >= 0
     # [c, m, n]: cost of the dot of n for m
     of_others = np.take_along_axis(cost, np.broadcast_to(np.maximum(pick, 0)[:, None], (*pick.shape, n_markers)), 2)
-    mine = np.where(has, np.einsum("cmm->cm", of_others), _FAR)
+    mine = np.where(has, np.einsum("cmm->cm", of_others), FAR)
     # exchange of two markers, another dot for this marker, another marker for this dot
     total = mine[:, :, None] + mine[:, None]
     exchange = np.where(has[:, None], of_others + np.swapaxes(of_others, 1, 2) - total, np.inf)
@@ -194,8 +195,8 @@ def _assigned(
     exchange[:, i, i] = np.inf
     used = np.zeros((len(uv), n_dots), dtype=bool)
     used[np.nonzero(has)[0], pick[has]] = True
-    other_dot = np.where(used[:, None], _FAR, cost).min(axis=2)
-    other_marker = np.where(has[:, :, None], _FAR, of_others).min(axis=1)
+    other_dot = np.where(used[:, None], FAR, cost).min(axis=2)
+    other_marker = np.where(has[:, :, None], FAR, of_others).min(axis=1)
     rival = np.minimum(exchange.min(axis=2), np.minimum(other_dot, other_marker) - mine)
     sure = has & (rival > MARGIN)
     # two markers so close that their dots are one: the dot of one is no place of either
@@ -204,7 +205,7 @@ def _assigned(
         gap = uv[:, :, None] - uv[:, None]
         near = np.asarray(gap[..., 0] ** 2 + gap[..., 1] ** 2 < reach_px**2)
         sure &= textured | ~(near & lone[:, None]).any(axis=2)
-    return np.where(fixed, known, np.where(sure, pick, -1)), (has & ~sure).any(axis=0)
+    return np.where(fixed, clicked_dots, np.where(sure, pick, -1)), (has & ~sure).any(axis=0)
 
 
 def _merged(
@@ -224,7 +225,7 @@ def _merged(
 def _least_cost(cost: Array) -> NDArray[np.int64]:
     """(M,) dots of the assignment of least cost (Hungarian method); -1: none, at the cost ``UNSEEN``."""
     out = np.full(len(cost), -1)
-    rows, columns = np.flatnonzero((cost < _FAR).any(axis=1)), np.flatnonzero((cost < _FAR).any(axis=0))
+    rows, columns = np.flatnonzero((cost < FAR).any(axis=1)), np.flatnonzero((cost < FAR).any(axis=0))
     small = cost[np.ix_(rows, columns)]
     padded = np.concatenate([small, np.full((len(rows), len(rows)), UNSEEN)], axis=1)
     m, k = linear_sum_assignment(padded)
@@ -237,7 +238,7 @@ def _fused(
     matrices: Array,
     dots: Array,
     chosen: NDArray[np.int64],
-    known: NDArray[np.int64],
+    clicked_dots: NDArray[np.int64],
     xyz_m: Array,
     cov_m2: Array,
     prior: Array,
@@ -250,7 +251,7 @@ def _fused(
     camera = np.arange(len(matrices))[:, None]
     clicked = np.asarray(np.zeros(chosen.shape, dtype=bool) if clicks is None else np.isfinite(clicks[..., 0]))
     # one ray tells nothing of its distance, and no other ray checks it
-    alone = np.asarray((known < 0).all(axis=0) & ~clicked.any(axis=0))
+    alone = np.asarray((clicked_dots < 0).all(axis=0) & ~clicked.any(axis=0))
     narrow: NDArray[np.bool_] | None = None
     at, cov = xyz_m.copy(), cov_m2.copy()
     todo = np.arange(len(xyz_m))
@@ -277,14 +278,14 @@ def _fused(
         uv, _ = seen_from(matrices, at[todo])
         miss = np.where(has[..., None], seen - uv, 0.0)
         left = (miss[..., 0] ** 2 + miss[..., 1] ** 2) / sd**2
-        worst = np.where(known[:, todo] >= 0, 0.0, left)
+        worst = np.where(clicked_dots[:, todo] >= 0, 0.0, left)
         bad = worst.max(axis=0) > 16.0
         if not bad.any():
             break
         m, pair = todo[bad], has[:, bad].sum(axis=0) == 2
         chosen[worst[:, bad].argmax(axis=0), m] = -1
         both = m[pair]
-        chosen[:, both] = known[:, both]
+        chosen[:, both] = clicked_dots[:, both]
         todo = m
     return at, cov, chosen
 

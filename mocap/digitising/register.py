@@ -6,15 +6,16 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.special import chdtri
 
 from eal.arrays import Array
 from mocap.digitising.pose import LEAST, PoseGaussian, rigid
 
-GATE = 16.3
+GATE = float(chdtri(3, 1e-3))
 """Chi-square of three degrees of freedom that one right point in a thousand exceeds."""
 SURE = 12.0
 """A name is given where every other one is less likely by exp(6), 400 times."""
-_DOF = 5.0
+_DOF = 5.0  # of Student's t; chosen, not measured
 
 
 @dataclass(frozen=True, eq=False)

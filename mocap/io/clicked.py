@@ -1,4 +1,4 @@
-"""Known points of a scene, and where they were clicked in the picture of each camera."""
+"""Known points of a scene, and where they were clicked in the image of each camera."""
 
 import csv
 import re
@@ -28,10 +28,10 @@ def read_scene(path: Path, unit: str | None) -> tuple[list[str], Array]:
     axes = {m[1].lower(): (i, (m[2] or "").lower()) for i, t in enumerate(titles) if (m := _XYZ.fullmatch(t))}
     if sorted(axes) != list("xyz"):
         raise FormatError(f"{path.name}: columns {', '.join(titles[:8])}; expected name,x,y,z: a row for each point")
-    stated = {u for _, u in axes.values() if u}
-    if len(stated) > 1 or (unit and stated and stated != {unit}):
-        raise FormatError(f"{path.name}: its titles state {', '.join(sorted(stated))}: give `unit` as they do")
-    scale = UNITS_M[unit or next(iter(stated), "m")]
+    units = {u for _, u in axes.values() if u}
+    if len(units) > 1 or (unit and units and units != {unit}):
+        raise FormatError(f"{path.name}: its titles state {', '.join(sorted(units))}: give `unit` as they do")
+    scale = UNITS_M[unit or next(iter(units), "m")]
     xyz = np.array([[_number(path, row[axes[a][0]], i) for a in "xyz"] for i, row in enumerate(rows)])
     names = _column(titles, _NAMES)
     labels = [row[names] for row in rows] if names is not None else [str(i + 1) for i in range(len(rows))]
@@ -43,7 +43,7 @@ def read_scene(path: Path, unit: str | None) -> tuple[list[str], Array]:
 def read_clicks(path: Path, cameras: Sequence[str], points: Sequence[str]) -> Array | None:
     """Pixels (C, P, 2) of points in cameras; NaN where not clicked.
 
-    Two tables are known: ``camera,point,x,y``, a row a click; and a row a point, ``[point,]left_x,left_y,right_x,...``
+    Two tables are known: ``camera,point,x,y``, one row for each; and one row per point, ``[point,]left_x,left_y,...``
     with the names of the cameras or their numbers (``cam1_x``).
 
     Returns:
@@ -59,7 +59,9 @@ def read_clicks(path: Path, cameras: Sequence[str], points: Sequence[str]) -> Ar
     if where is not None:
         axes = {"xyuv".index(m[2].lower()) % 2: i for i, m in found if not m[1]}
         if len(axes) != 2 or named is None:
-            raise FormatError(f"{path.name}: columns {', '.join(titles[:8])}; expected camera,point,x,y: a row a click")
+            raise FormatError(
+                f"{path.name}: columns {', '.join(titles[:8])}; expected camera,point,x,y: one row for each"
+            )
         for i, row in enumerate(rows):
             c = _index(path, "camera", row[where], cameras, i)
             p = _index(path, "point", row[named], points, i)

@@ -14,7 +14,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.schema import LARGEST
 
-MOST_FRAMES = 10**9
+MOST_FRAMES = 10**9  # twelve days at 1 kHz
 FRAMES = (
     r"(frames?|fnum|img|images?|pictures?|samples?|index|idx|timestamps?|bild)"
     r"[ _.#-]*(no|nr|num|number|numbers|index|idx|id|count|counter)?[.#]?"

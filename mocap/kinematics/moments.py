@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, cross
+from eal.systems import GRAVITY_M_S2
 from mocap.filters.velocities import Motion
 from mocap.kinematics.angles import unit
 from mocap.kinematics.cycles import Footfalls
@@ -16,8 +17,6 @@ from mocap.kinematics.distal import Distal, distal_parts
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.measures import AXES
 from mocap.skeleton import Skeleton
-
-GRAVITY_M_S2 = 9.81
 
 
 def moments(motion: Motion, skeleton: Skeleton, *, steps: Footfalls | None = None, recording: str = "") -> Kinematics:

@@ -6,7 +6,8 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.filters.body_axes import body_frames
-from mocap.filters.poses import MarkerTrial
+from mocap.filters.poses import FEWEST_FRAMES, MarkerTrial
+from mocap.filters.whittaker import FASTEST_HZ
 from mocap.measures import Measures
 
 
@@ -21,10 +22,10 @@ def proposed_measures(
         bones: Pairs of markers.
         trunk: Markers of the trunk.
     """
-    if not trunk or len(trial.t_s) < 20:
+    if not trunk or len(trial.t_s) < FEWEST_FRAMES:
         return Measures()
     dt_s = float(np.diff(trial.t_s).mean())
-    axes = body_frames(trial.xyz_m[:, list(trunk)], dt_s=dt_s, cutoff_hz=min(30.0, 0.4 / dt_s)).rotation
+    axes = body_frames(trial.xyz_m[:, list(trunk)], dt_s=dt_s, cutoff_hz=min(FASTEST_HZ, 0.4 / dt_s)).rotation
     found = {limb: cycle_frames(_swing(trial.xyz_m, axes, *limb)) for limb in _limbs(bones, trunk)}
     limbs = [limb for limb, cycle in found.items() if cycle]
     feet = [tip for root, tip in limbs if stands(trial.xyz_m[:, tip], found[root, tip])]
@@ -63,7 +64,7 @@ def _swing(xyz_m: Array, axes: Array, root: int, tip: int) -> Array:
     along = np.einsum("tij,ti->tj", axes, xyz_m[:, tip] - xyz_m[:, root])
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     seen = np.isfinite(along).all(axis=-1)
-    if seen.sum() < 20:
+    if seen.sum() < FEWEST_FRAMES:
         return np.full(len(along), np.nan)
     centred = along - along[seen].mean(axis=0)
     main = np.linalg.svd(centred[seen], full_matrices=False)[2][0]
@@ -80,7 +81,7 @@ def cycle_frames(values: Array) -> int:
     trend, each lag with the pairs that are there.
     """
     seen = np.isfinite(values)
-    if seen.sum() < 20:
+    if seen.sum() < FEWEST_FRAMES:
         return 0
     frames = np.arange(len(values))
     rest = values - np.polyval(np.polyfit(frames[seen], values[seen], 1), frames)

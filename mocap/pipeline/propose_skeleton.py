@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.filters.body_axes import body_frames
-from mocap.filters.bones import learn_bones
-from mocap.filters.joint_types import Articulation, articulation, undetermined
+from mocap.filters.bones import RIGID, learn_bones
+from mocap.filters.joint_types import MOVES_DEG, Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
@@ -27,10 +27,8 @@ from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names, number_of
 
-RIGID = 0.05
-"""Largest variation of a rigid bone relative to its length, as where models look for bones (``filters.bones``)."""
-SOFT = 0.10
-"""The same of a bone that is proposed as soft."""
+SOFT = 2 * RIGID
+"""Bones that vary by no more are proposed as soft ones."""
 
 Pair = tuple[int, int]
 
@@ -227,7 +225,7 @@ def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -
     if not trunk or not np.isfinite(trial.xyz_m[:, trunk]).any():
         return []
     dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
-    axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s, cutoff_hz=30.0).rotation  # as of joint coordinates
+    axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s).rotation
     return articulation(names, trial.xyz_m, trial.sd_m, axes, trunk=skeleton.trunk, bones=skeleton.rigid)
 
 
@@ -358,7 +356,7 @@ def _joints(
         if len(angle) < 2:
             continue
         low, high = np.quantile(angle, [0.05, 0.95])
-        if high - low < max(10.0, 4 * noise):  # from the 5th to the 95th percentile
+        if high - low < max(MOVES_DEG, 4 * noise):
             shown = ", ".join(quoted(names[m]) for m in (parent, centre, child))
             stiff.append(
                 f"Not proposed, because the angle changes by {max(high - low, noise):.0f} degrees or less: {shown}"

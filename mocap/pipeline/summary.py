@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from scipy.special import ndtri
+
 from eal.arrays import Z95
 from mocap.filters.models.registry import NAMED
 from mocap.io.unstated_unit import length_text
@@ -21,8 +23,9 @@ METHODS = {
 }
 """What the methods of the tables are called, and what they do, by their key in ``report.json``."""
 
-BELIEVABLE = (0.83, 1.2)
-"""Of error over stated standard deviation (rms): so far from 1 an interval that should hold 95 % holds 90 to 98 %."""
+BELIEVABLE = tuple(Z95 / float(ndtri((1 + share) / 2)) for share in (0.98, 0.90))
+"""Of error over stated standard deviation (rms), 0.84 and 1.19: so far an interval that should hold 95 % holds 98 or 90
+%."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +83,7 @@ def expected_error(report: Mapping) -> Expected | None:
 
 
 def unit_of(report: Mapping) -> str:
-    """Unit of lengths in a report: ``mm``, of one film without a scale ``px``."""
+    """Unit of lengths in a report: ``mm``, of one video without a scale ``px``."""
     return "px" if report.get("plane", {}).get("unit") == "px" else "mm"
 
 

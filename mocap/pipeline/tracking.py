@@ -242,7 +242,7 @@ def whole_frames(recording: Recording) -> BodyFrames:
     part = seen_part(recording)
     trunk = [part.names.index(name) for name in recording.skeleton.trunk if name in part.names]
     xyz_m = part.xyz_m[:, trunk] if trunk else part.xyz_m
-    inner, (frames, _) = body_frames(xyz_m, dt_s=recording.dt_s, cutoff_hz=30.0), recording.place(part)
+    inner, (frames, _) = body_frames(xyz_m, dt_s=recording.dt_s), recording.place(part)
     index = np.clip(np.arange(len(recording.t_s)) - frames.start, 0, len(xyz_m) - 1)
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from eal.arrays import Array
+from eal.systems import GRAVITY_M_S2
 from mocap.errors import MocapError
 from mocap.filters.anatomy import masses_of
 from mocap.filters.bodies import UNKNOWN_KG, rod_masses
@@ -20,8 +21,6 @@ from mocap.filters.joint_types import Articulation, articulation
 from mocap.measures import AXES
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
-
-GRAVITY_M_S2 = 9.81
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,9 +65,11 @@ def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
     skeleton, markers = run.skeleton, run.tracks
     names = markers.names
     if not skeleton.trunk:
-        raise MocapError(f"{run.name}: its skeleton names no trunk, which the segments of {what} hang on: state one")
+        raise MocapError(
+            f"{run.name}: its skeleton names no trunk, to which the segments of {what} are attached: state one"
+        )
     trunk = [names.index(m) for m in skeleton.trunk]
-    axes = body_frames(markers.xyz_m[:, trunk], dt_s=_step(markers.t_s), cutoff_hz=30.0)
+    axes = body_frames(markers.xyz_m[:, trunk], dt_s=_step(markers.t_s))
     known = markers.status == Status.MEASURED
     xyz = np.where(known[..., None], markers.xyz_m, np.nan)
     joints = articulation(names, xyz, markers.sd_m, axes.rotation, trunk=skeleton.trunk, bones=skeleton.rigid)

@@ -10,10 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
+from eal.systems import GRAVITY_M_S2
 from mocap.filters.joint_types import Articulation
 from mocap.measures import AXES
 from mocap.pipeline.recording import Recording
-from mocap.results.mjcf import GRAVITY_M_S2, fitted_animal, numbers, plain_name
+from mocap.results.mjcf import fitted_animal, numbers, plain_name
 
 VERSION = "40500"
 KINDS = {"ball": "BallJoint", "universal": "UniversalJoint", "hinge": "PinJoint", "fixed": "WeldJoint"}

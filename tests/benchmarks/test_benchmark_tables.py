@@ -43,6 +43,7 @@ def test_tracker_speed_writes_what_it_prints(tmp_path, monkeypatch, capsys):
     assert "a pass" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_importers_write_both_readers(tmp_path, monkeypatch):
     """Frames and processor seconds of ours and of the loop, on few frames."""
     monkeypatch.setattr(importers, "make", lambda path, _frames, make=importers.make: make(path, 30))

@@ -4,10 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from mocap.datasets.pendulums import GRAVITY_M_S2, make_pendulum, write_pendulum
+from mocap.datasets.pendulums import make_pendulum, write_pendulum
 from scipy.special import ellipj, ellipk
 from scipy.stats import kstest
 
+from eal.systems import GRAVITY_M_S2
 from mocap.io.csv_table import read_table
 
 

@@ -13,7 +13,7 @@ from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.lagrangian import inner_mass, with_lagrangian
 from mocap.filters.motion.base import Step
 from mocap.filters.observations import PositionObservations
-from mocap.filters.poses import MATERN_HALF
+from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -170,7 +170,7 @@ def test_learned_forces_are_stable_and_dissipate(arm_motion):
     assert np.linalg.eigvalsh(model.animal.stiffness).min() > 0
     assert np.linalg.eigvalsh(model.animal.damping).min() > 0
     linear = learn_articulated([arm_motion[2]], ARM, ArticulatedSettings(pose=replace(LAGRANGIAN, potential="none")))
-    own, rate = linear.subspace.residual_sd, 1.6783 / MATERN_HALF * linear.residual_rate_hz
+    own, rate = linear.subspace.residual_sd, MATERN_3_2_HALF / MATERN_HALF * linear.residual_rate_hz
     alone = replace(linear, subspace=replace(linear.subspace, basis=1e-9 * linear.subspace.basis))
     still = np.random.default_rng(0).normal(size=(3, 400, linear.rank))
     motion = Motion(z=still[0], rate=still[1], acceleration=still[2], trial=np.zeros(400, dtype=int), dt_s=0.01)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mocap.filters.anatomy import masses_of
-from mocap.filters.bodies import THICK, Bodies, cloud, rod, rod_masses
+from mocap.filters.bodies import Bodies, cloud, rod, rod_masses
 from mocap.filters.tree import Tree, left_jacobian, turning_on
 from scipy.spatial.transform import Rotation
 
@@ -122,8 +122,8 @@ def test_two_thin_rods_are_the_double_pendulum():
     both = outer + mass[1] * length[0] * length[1] * np.cos(bend) / 2
     whole = (mass[0] / 3 + mass[1]) * length[0] ** 2 + 2 * both - outer
     np.testing.assert_allclose(found, [[whole, both], [both, outer]], rtol=1e-12)
-    for (_, inertia), m, far in zip(parts, mass, length, strict=True):  # a cylinder of that radius
-        radius = THICK * far
+    for (_, inertia), m, far in zip(parts, mass, length, strict=True):  # a cylinder, ten times as long as wide
+        radius = far / 10
         across = m * (far**2 / 12 + radius**2 / 4)
         np.testing.assert_allclose(inertia, np.diag([m * radius**2 / 2, across, across]), atol=1e-15)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.body_axes import BodyFrames, body_frames, trunk_shape
-from mocap.filters.whittaker import smooth_series, smoother
+from mocap.filters.whittaker import fastest_hz, smooth_series, smoother
 from scipy.spatial.transform import Rotation, Slerp
 
 DT_S = 0.01
@@ -95,7 +95,7 @@ def test_a_rigid_motion_with_gaps_is_recovered(seed):
     seen[rng.random(xyz.shape[:2]) < 0.3] = np.nan
     seen[90:93] = np.nan
     seen[120:123, 2:] = np.nan
-    frames = body_frames(seen, dt_s=0.005, cutoff_hz=30.0)
+    frames = body_frames(seen, dt_s=0.005)
     np.testing.assert_allclose(np.linalg.det(frames.rotation), 1, atol=1e-12)
     turn = np.einsum("tji,tjk->tik", frames.rotation, rotation)
     angle = Rotation.from_matrix(turn @ turn[0].T).magnitude()
@@ -256,3 +256,17 @@ def test_many_series_at_once_are_each_smoothed_alone():
     found = smoother(weight, dt_s=DT_S, cutoff_hz=5.0)(y)
     for one, of, w in zip(found, y, weight, strict=True):
         np.testing.assert_allclose(one, smooth_series(of, w, dt_s=DT_S, cutoff_hz=5.0), rtol=1e-9, atol=1e-9)
+
+
+def test_a_trunk_is_followed_up_to_30_hz():
+    """The smoother halves a sine of its cutoff: 1 / (1 + (f / cutoff)^4); clicks allow a fifth of their rate."""
+    t_s = np.arange(1000) / 1000
+    sway = np.zeros((len(t_s), 1, 3))
+    sway[:, 0, 0] = np.sin(2 * np.pi * 30 * t_s)
+    frames = body_frames(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + sway, dt_s=1e-3)
+    middle = slice(200, 800)
+    gain = frames.position_m[middle, 0] @ sway[middle, 0, 0] / np.sum(sway[middle, 0, 0] ** 2)
+    assert gain == pytest.approx(
+        0.5, abs=0.02
+    )  # 2 pi 30 Hz dt is 0.19: its second difference errs by 0.3 %, four times
+    assert fastest_hz(1 / 100) == pytest.approx(20)

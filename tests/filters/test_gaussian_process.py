@@ -44,15 +44,19 @@ def test_the_covariance_is_the_sum_of_its_parts(seed):
 
 @given(seed=st.integers(0, 1000))
 def test_slopes_of_the_covariance_are_those_of_differences(seed):
-    """By each logarithm, central differences of steps of 1e-5: to 1e-8. Without its noise it is the covariance."""
+    """By each logarithm, summed with any weights, central differences of steps of 1e-5: to 1e-8.
+
+    Without its noise it is the covariance.
+    """
     rng = np.random.default_rng(seed)
     rows, logarithms = rows_of(rng), Covariance().logarithms + rng.normal(0, 0.5, 8)
     law, apart = Covariance.of(logarithms), Apart.of(rows, rows)
-    square, slopes = law.gradient(apart)
+    square, along = law.gradient(apart)
+    weights = rng.normal(size=(12, 12)) / 12
     np.testing.assert_allclose(square - law.noise * np.eye(12), law(rows, rows), rtol=0, atol=1e-12)
-    for step, slope in zip(1e-5 * np.eye(8), slopes, strict=True):
+    for step, slope in zip(1e-5 * np.eye(8), along(weights), strict=True):
         above, below = (Covariance.of(logarithms + sign * step).gradient(apart)[0] for sign in (1, -1))
-        np.testing.assert_allclose(slope, (above - below) / 2e-5, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(slope, np.vdot(weights, above - below) / 2e-5, rtol=0, atol=1e-8)
 
 
 @given(seed=st.integers(0, 1000))

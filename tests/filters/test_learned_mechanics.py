@@ -7,7 +7,7 @@ import pytest
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.mechanics import linear_shape
 from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
-from mocap.filters.poses import pose_trial, residual_memory_s, shapes_of
+from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, pose_trial, residual_memory_s, shapes_of
 
 from tests.filters.test_learned_models import DT_S, flapping
 
@@ -116,6 +116,12 @@ def test_the_residuals_rate_is_told_from_its_noise(rate_hz, noise):
     residual = np.array(residual)
     residual[rng.random(residual.shape) < 0.2] = np.nan
     assert residual_memory_s([residual[:800], residual[800:]], DT_S, 1.0) == pytest.approx(1.678 / rate_hz, rel=0.35)
+
+
+def test_matern_processes_lose_half_of_their_correlation():
+    """Rasmussen & Williams 2006, equations 4.17 of unit rates; slopes there are -0.3, constants have five digits."""
+    s, r = MATERN_3_2_HALF, MATERN_HALF
+    np.testing.assert_allclose([(1 + s) * np.exp(-s), (1 + r + r**2 / 3) * np.exp(-r)], 0.5, atol=2e-5)
 
 
 def test_where_noise_hides_the_residual_it_follows_the_motion():

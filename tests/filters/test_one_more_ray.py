@@ -16,7 +16,7 @@ from mocap.cameras.triangulate import linear, refine
 from tests.filters.flapping_trials import NAMES, TRUNK, flapping
 from tests.mocap.rigs import ring
 
-FRAMES, GAP, WING = 80, slice(30, 55), [NAMES.index(name) for name in ("elbow_l", "wrist_l", "tip_l")]
+FRAMES, GAP, WING = 64, slice(22, 47), [NAMES.index(name) for name in ("elbow_l", "wrist_l", "tip_l")]
 RIGS = {"all around": stacked(ring(4)), "from one side": stacked(ring(14)[:4])}
 MODELS = {
     "steady velocity": STEADY_MARKER,
@@ -43,12 +43,12 @@ def filmed(rig: str, seed: int, rays: int) -> tuple[PixelObservations, np.ndarra
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("model", MODELS)
 def test_errors_and_intervals_fall(model, rig):
-    """With none, one, two and three rays: root mean square errors, and medians of stated deviations, of three draws.
+    """With none, one, two and three rays: root mean square errors, and medians of stated deviations, of two draws.
 
     The model has learned from what is seen without any.
     """
     missed, stated = [], []
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         seen, truth = filmed(rig, seed, 0)
         sd_m = np.sqrt(np.trace(seen.cov_m2, axis1=-2, axis2=-1) / 3)
         trials = [replace(flapping(seed, frames=FRAMES), xyz_m=seen.xyz_m, sd_m=sd_m)]

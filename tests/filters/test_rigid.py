@@ -9,7 +9,7 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.singer import LastingSettings
 from mocap.filters.observations import PixelObservations, PositionObservations, Sights
-from mocap.filters.rigid import completed, distance_spread, find_bodies
+from mocap.filters.rigid import completed, distance_spread, find_bodies, wobble_deg
 from scipy.spatial.transform import Rotation
 
 from tests.filters.bodies_trials import two_bodies
@@ -51,6 +51,18 @@ def test_what_bends_is_no_body():
     flying = replace(trial, t_s=bat.t_s, xyz_m=bat.xyz_m, sd_m=np.full(bat.xyz_m.shape[:2], 3e-4))
     assert find_bodies(replace(flying, xyz_m=bat.xyz_m + 3e-4 * rng.normal(size=bat.xyz_m.shape))) == []
     assert find_bodies(replace(trial, xyz_m=rng.normal(size=trial.xyz_m.shape))) == []
+
+
+def test_a_body_is_broad_for_what_its_markers_move():
+    """A plate beside markers that fly about: it is a body while its frame turns by 5 degrees at most."""
+    rng = np.random.default_rng(2)
+    plate = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0.1, 0.1, 0]])
+    others, slip = rng.normal(0, 0.5, (200, 2, 3)), rng.normal(0, 1e-3, (200, 4, 3))
+    trial = replace(two_bodies().trial, t_s=np.arange(200) / 100, sd_m=np.full((200, 6), 1e-4))
+    for wanted, found in ((4.3, [[0, 1, 2, 3]]), (5.7, [])):
+        body = plate + slip * np.tan(np.radians(wanted)) / np.tan(np.radians(wobble_deg(plate + slip)))
+        assert wobble_deg(body) == pytest.approx(wanted, rel=0.05)  # turns take up a part of what markers move
+        assert find_bodies(replace(trial, xyz_m=np.concatenate([body, others], axis=1))) == found
 
 
 def test_independent_samples():

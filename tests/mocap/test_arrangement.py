@@ -15,6 +15,7 @@ from tests.mocap.test_audit import moving
 from tests.real_data import real
 
 WIDTH, HEIGHT = 2048.0, 1024.0
+FRAMES = np.arange(0, 200, 3)  # of a second
 
 
 def scene(lens, seed=1, sized=False, noise=0.5):
@@ -29,7 +30,7 @@ def scene(lens, seed=1, sized=False, noise=0.5):
         own = None if camera.lens is None else replace(camera.lens, centre_px=(WIDTH / 2, HEIGHT / 2))
         size = (int(WIDTH), int(HEIGHT)) if sized else None
         cameras.append(replace(camera, matrix=matrix, size_px=size, lens=own))
-    uv = record(cameras, moving(np.arange(200)))
+    uv = record(cameras, moving(FRAMES))
     return tuple(cameras), uv + rng.normal(0, noise, uv.shape)
 
 
@@ -117,9 +118,7 @@ def test_corners_that_differ_unstated_are_told_loudly():
             height_px=HEIGHT,
         )
         flipped = uv * [1, -1] + [0, HEIGHT]
-        tracks = PixelTracks(
-            names=tuple("abcde"), cameras=tuple(c.name for c in cameras), t_s=np.arange(200.0), uv_px=uv
-        )
+        tracks = PixelTracks(names=tuple("abcde"), cameras=tuple(c.name for c in cameras), t_s=FRAMES / 200, uv_px=uv)
         told = [f for f in alarms(audit_filmed(cameras, tracks, flipped, decision)) if f.kind == "pixel origin"]
         assert bool(told) == (not stated)
 

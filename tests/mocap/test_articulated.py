@@ -25,12 +25,12 @@ SKELETON = Skeleton(
 )
 
 
-def arm(*, n=200, wrist=(0.0, 0.0), elbow_deg=50.0, slip=0.0, seed=0):
+def arm(*, n=200, wrist=(0.0, 0.0), elbow_deg=50.0, swing_rad=0.5, slip=0.0, seed=0):
     """An arm of a ball, a hinge and a wrist of two angles (amplitudes in degrees), on a trunk that turns."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 4 * np.pi, n)
     ball = Rotation.from_rotvec(np.stack([0.6 * np.sin(t), 0.4 * np.cos(t), 0.5 * np.sin(0.5 * t)], axis=1))
-    bend = np.radians(elbow_deg) + 0.5 * np.sin(1.3 * t)
+    bend = np.radians(elbow_deg) + swing_rad * np.sin(1.3 * t)
     fore = ball * Rotation.from_rotvec(bend[:, None] * [0, 0, 1.0])
     hand = fore * Rotation.from_rotvec(np.radians(wrist[0]) * np.sin(0.7 * t + 1)[:, None] * [0, 0, 1.0])
     hand = hand * Rotation.from_rotvec(np.radians(wrist[1]) * np.cos(1.7 * t)[:, None] * [0, 1.0, 0])
@@ -78,6 +78,16 @@ def test_a_bone_that_changes_length_is_doubted_with_its_number():
     assert len(doubted) == 1
     assert "elbow-wrist" in doubted[0]
     assert "8.5%" in doubted[0]
+
+
+def test_where_a_bone_is_doubted_and_a_limb_straight():
+    """By 5 % of its length, and below 15 degrees; a joint moves from 10; 20 frames are two independent ones."""
+    steady, slips = ([*undetermined(found(slip=share * np.sqrt(2) * LENGTHS[1]))] for share in (0.042, 0.058))
+    assert not any("stated as rigid" in s for s in steady)
+    assert any("stated as rigid" in s for s in slips)
+    assert [found(elbow_deg=deg, swing_rad=0.0)[0].straight for deg in (12.5, 17.5)] == [1.0, 0.0]
+    assert [found(wrist=(deg, 0.0))[2].kind for deg in (4.3, 5.8)] == ["fixed", "hinge"]  # 8.5 and 11.5 degrees
+    assert (len(found(n=19)), len(found(n=20))) == (0, 3)
 
 
 def test_the_mjcf_file_has_the_mean_pose_and_the_bones(tracked_arm):

@@ -125,7 +125,7 @@ def test_our_bundle_beside_easywands():
     """
     wand, pixels = easywand("tunnel")
     found = calibrate_wand(
-        wand.lenses, wand.sizes_px, pixels, wand.background_px, length_m=wand.wand_length, moves="focal+centre", folds=6
+        wand.lenses, wand.sizes_px, pixels, wand.background_px, length_m=wand.wand_length, moves="focal+centre", folds=3
     )
     theirs = wand_score(wand_lengths(wand.cameras, pixels))
     assert found.score < theirs

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from mocap.datasets.pendulums import GRAVITY_M_S2, pendulum_motion
+from mocap.datasets.pendulums import pendulum_motion
 
 from eal import GaussianKernel, fit_potential
 from eal.integrators import integrate_adaptive
 from eal.lagrangian import PenalisedModel
 from eal.midpoint import midpoint_step, simulate_midpoint
 from eal.radius import valley_covariance
-from eal.systems import planar_pendulum
+from eal.systems import GRAVITY_M_S2, planar_pendulum
 from mocap.cameras.camera import project, stacked
 from mocap.reproduce.joint_filter import JointSights, learned_noise, substeps, theorem_3, track_joint
 from tests.mocap.rigs import ring

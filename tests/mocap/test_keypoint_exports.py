@@ -43,6 +43,7 @@ def tracked(scene, tmp_path_factory):
     return fresh, loaded, folder / "out"
 
 
+@pytest.mark.slow
 def test_pixels_are_those_that_the_cameras_recorded(scene, tracked):
     """Lens and image rows included: half of the measured points lie within the clicks' own noise, about 1 px."""
     _, loaded, out = tracked

@@ -2,11 +2,13 @@
 
 from io import BytesIO
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
-from mocap.io.netcdf import as_netcdf
+from mocap.errors import FormatError
+from mocap.io.netcdf import _plain, as_netcdf, read_netcdf
 
 RNG = np.random.default_rng(0)
 DATASETS = {
@@ -48,6 +50,50 @@ def test_it_reads_as_what_xarray_writes(dataset, packed, tmp_path):
         assert variable.encoding.get("_FillValue") is None or np.isnan(variable.encoding["_FillValue"])
         assert ("_FillValue" in variable.encoding) == ("_FillValue" in theirs[name].encoding)
     assert list(ours.variables) or not dataset.variables
+
+
+@pytest.mark.parametrize("dataset", DATASETS.values(), ids=DATASETS)
+def test_we_read_what_xarray_reads(dataset, tmp_path):
+    """What either writes: the same names in the same order, dimensions, values, types and attributes, coordinates."""
+    (tmp_path / "ours.nc").write_bytes(as_netcdf(dataset, packed=True))
+    dataset.to_netcdf(tmp_path / "theirs.nc", engine="h5netcdf")
+    for path in tmp_path.iterdir():
+        ours, theirs = _plain(path), xr.open_dataset(path, engine="h5netcdf").load()
+        assert ours is not None
+        assert ours.identical(theirs)
+        assert (list(ours.data_vars), list(ours.coords)) == (list(theirs.data_vars), list(theirs.coords))
+        for name, variable in ours.variables.items():
+            assert variable.dtype == theirs[name].dtype
+            assert {k: type(v) for k, v in variable.attrs.items()} == {
+                k: type(v) for k, v in theirs[name].attrs.items()
+            }
+
+
+def test_what_is_not_plain_is_left_to_xarray(tmp_path):
+    """Groups, entries of other kinds, and dimensions without names; half a file is an error."""
+    path = tmp_path / "odd.nc"
+    whole = as_netcdf(DATASETS["poses"])
+    for change in (
+        lambda file: file.create_group("more"),
+        lambda file: file.create_dataset("letters", data=np.array([b"ab"])),
+        lambda file: file["position"].attrs.create("kinds", np.array([b"a", b"b"])),
+        lambda file: file["position"].attrs.__delitem__("DIMENSION_LIST"),
+    ):
+        path.write_bytes(whole)
+        with h5py.File(path, "r+") as file:
+            change(file)
+        assert _plain(path) is None
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FormatError, match=r"odd\.nc: cannot be read as NetCDF .*: again"):
+        read_netcdf(path, again="again")
+
+
+def test_what_would_fill_the_memory_is_not_unpacked(tmp_path):
+    """A gigabyte of nothing, announced by a file of some kilobytes."""
+    with h5py.File(tmp_path / "bomb.nc", "w") as file:
+        file.create_dataset("time", (1 << 27,), "f8", chunks=(1 << 20,)).make_scale("time")
+    with pytest.raises(FormatError, match=r"bomb\.nc: its variables would take 1\.07 GB"):
+        _plain(tmp_path / "bomb.nc")
 
 
 def test_the_same_dataset_is_the_same_bytes():

@@ -22,7 +22,7 @@ from tests.mocap.recordings import with_markers
 
 LIMBS = ("shoulder", "elbow", "wrist", "d3_tip", "d5_tip", "ankle")
 MARKERS = ("snout", "sternum", "back", "pelvis", "tail", *(f"{name}_{side}" for side in "lr" for name in LIMBS))
-WRONG, RIGHT, FRAMES = "wrist_l", "wrist_r", slice(40, 60)
+WRONG, RIGHT, T, FRAMES = "wrist_l", "wrist_r", 64, slice(22, 42)
 SETTINGS = PoseSettings(ranks=(6,))
 
 
@@ -38,7 +38,7 @@ def scene():
 
 
 def flight(seed):
-    return with_markers(make_bat(seed=seed, n_frames=100, n_cameras=4, digitiser=PERFECT), MARKERS)
+    return with_markers(make_bat(seed=seed, n_frames=T, n_cameras=4, digitiser=PERFECT), MARKERS)
 
 
 def clicked(bat):
@@ -163,14 +163,14 @@ def learned():
     return learn_from(
         [prepared(other, replace(other.pixels, uv_px=clicked(other))) for other in others],
         models=(EACH_MARKER, SETTINGS),
-        effort=Effort(validated=1, most_frames=100, times=1),
+        effort=Effort(validated=1, most_frames=T, times=1),
     )
 
 
 def test_a_learned_model_checks_a_recording_that_is_too_short_to_learn_from(scene, learned):
     """30 frames teach no pose, and alone are believed; with another flight's model the wrong points are refused."""
     bat, pixels, (wrong, _) = scene
-    uv = np.array(along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015).uv_px[:, 35:65])
+    uv = np.array(along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015).uv_px[:, 17:47])
     uv[2:, 5:25, bat.truth.names.index("elbow_r")] = np.nan  # enough of two rays to be worth the pass
     short = prepared(bat, replace(pixels, uv_px=uv, t_s=pixels.t_s[:30]))
     assert "40" in (why_no_pose(seen_part(short)) or "")
@@ -187,10 +187,10 @@ def test_long_recordings_are_checked_block_by_block(scene, learned):
     bat, pixels, (wrong, _) = scene
     film = along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015)
     uv = np.array(film.uv_px)
-    uv[2:, 30:70, :5] = np.nan  # enough of two rays to be worth the pass
+    uv[2:, 12:52, :5] = np.nan  # enough of two rays to be worth the pass
     film = replace(film, uv_px=uv)
     skeleton = Skeleton(name="bat", markers=pixels.names)
-    run, cleaned, *_ = track_block(of_pixels(film, bat.cameras, skeleton, name="bat"), range(100), learned=learned)
+    run, cleaned, *_ = track_block(of_pixels(film, bat.cameras, skeleton, name="bat"), range(T), learned=learned)
     asked = unconfirmed(prepared(bat, film))[:, wrong]
     assert asked.sum() > 15
     assert (run.tracks.status[asked, wrong] == Status.REJECTED).all()

@@ -28,6 +28,7 @@ def written(tmp_path_factory):
     return result, folder
 
 
+@pytest.mark.slow
 def test_pictures_are_written_as_png_and_svg(written):
     """Each figure in both forms; PNG by its signature, SVG as XML."""
     _, folder = written

@@ -12,9 +12,10 @@ from mocap.datasets.lizards import lizard_skeleton
 from mocap.datasets.pendulums import make_pendulum, pendulum_skeleton
 from mocap.filters.velocities import Motion
 
+from eal.systems import GRAVITY_M_S2
 from mocap.kinematics.cycles import Footfalls
 from mocap.kinematics.distal import Distal, distal_parts
-from mocap.kinematics.moments import GRAVITY_M_S2, moments
+from mocap.kinematics.moments import moments
 from mocap.kinematics.records import Rests
 from mocap.measures import Measures, Segment
 from mocap.results.tables import write_kinematics

@@ -26,7 +26,7 @@ SETTLED_COLORS = 150
 def _fetched_once():
     """The installed viewer is fetched and compressed once, not for each page."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("fetched_viewer", "_held"):
+        for name in ("fetched_viewer", "_embedded"):
             patch.setattr(share, name, cache(getattr(share, name)))
         yield
 

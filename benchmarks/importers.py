@@ -21,7 +21,8 @@ import numpy as np
 import pandas as pd
 
 from eal.arrays import Array
-from mocap.cameras.camera import dlt_coefficients, project, stacked
+from mocap.cameras.camera import dlt_coefficients, stacked
+from mocap.cameras.triangulate import project
 from mocap.errors import MocapError
 from mocap.io.dltdv import read_coefficients, write_coefficients
 from mocap.io.optical import metres

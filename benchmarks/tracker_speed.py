@@ -40,7 +40,8 @@ from mocap.filters.track import filter_forward, smooth
 from eal.arrays import Array
 from eal.threads import one_blas_thread
 from mocap.cameras import triangulate
-from mocap.cameras.camera import project, stacked
+from mocap.cameras.camera import stacked
+from mocap.cameras.triangulate import project
 from mocap.io.qualisys import read_mat
 from mocap.records import Status
 

@@ -8,7 +8,7 @@ from mocap.filters.gaussian import Smoothed
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.records import HeldLimb
+from mocap.filters.records import Limb
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
@@ -52,36 +52,47 @@ class HeldKeeper:
             found.append((limb.mean + rows @ state.mean[: rows.shape[1]], state.of(limb.plane.T @ rows)))
         self._taken.append(found)
 
-    def held(self, names: Sequence[str]) -> tuple[HeldLimb, ...]:
-        """All limbs over all frames that were taken.
+    def held(self, names: Sequence[str]) -> dict[str, Limb]:
+        """All limbs over all frames that were taken, each by the names of its root and its first joint.
+
+        Coordinates are the two leading principal components of what V_z was learned from, the relative joint
+        coordinates q of the limb (mostly with their velocities), in units of their deviation:
+
+        - ``x``, ``y`` (G,) of a grid, and ``value`` (G, G) V_z at (y, x), of the pose that samples near there have in
+          all other coordinates;
+        - ``samples`` (N, 2) what V_z was learned from;
+        - ``state`` (T, 2) the limb, its ``covariance`` (T, 2, 2), and ``at_state`` (T,) V_z of all coordinates there;
+        - ``marker`` (M,) place of a marker along the limb; -1: it is none of it;
+        - ``pull`` (T, M, 3) minus the gradient of the filter's potential by the position of each marker, in the world,
+          in 1/(m s), NaN of markers beside it; for V_z of joint angles, how each marker moves when the arc length of
+          every angle changes by minus the gradient with respect to it.
 
         Args:
-            names: The M markers.
+            names: The M markers, and what else has a velocity.
         """
         frames, turned, means = self._taken[::-1], np.array(self._turned[::-1]), np.array(self._means[::-1])
-        out = []
+        out = {}
         for i, limb in enumerate(self.limbs):
             q, cov = (np.array([frame[i][k] for frame in frames]) for k in range(2))
-            gradient = self.model.moved(means, limb.gradient(q) @ limb.on_residual)[:, list(limb.children)]
-            pull = -gradient @ np.swapaxes(turned, 1, 2)
-            value = np.zeros(len(q)) if limb.potential is None else np.asarray(limb.potential.value(q))
+            gradient = self.model.moved(means, limb.gradient(q) @ limb.on_residual)
+            children = list(limb.children)
+            pull, place = np.full(gradient.shape, np.nan), np.full(gradient.shape[1], -1)
+            pull[:, children] = -gradient[:, children] @ np.swapaxes(turned, 1, 2)
+            place[children] = np.arange(len(children))
             samples = (limb.samples - limb.centre) @ limb.plane
             x, y, grid = _grid(limb, samples)
-            out.append(
-                HeldLimb(
-                    name=f"{names[limb.root]} to {names[limb.children[0]]}",
-                    markers=tuple(names[m] for m in limb.children),
-                    x=x,
-                    y=y,
-                    value=grid,
-                    samples=samples,
-                    state=(q - limb.centre) @ limb.plane,
-                    cov=cov,
-                    at_state=value,
-                    pull=pull,
-                )
-            )
-        return tuple(out)
+            out[f"{names[limb.root]} to {names[children[0]]}"] = {
+                "x": x,
+                "y": y,
+                "value": grid,
+                "samples": samples,
+                "state": (q - limb.centre) @ limb.plane,
+                "covariance": cov,
+                "at_state": np.zeros(len(q)) if limb.potential is None else np.asarray(limb.potential.value(q)),
+                "marker": place,
+                "pull": pull,
+            }
+        return out
 
 
 def _grid(limb: PosePotential, samples: Array) -> tuple[Array, Array, Array]:

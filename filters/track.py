@@ -200,5 +200,5 @@ def smooth_together(
         rates=rates,
         angles=None if angles[0] is None else np.moveaxis(np.array(angles[::-1]), 1, 0),
         energies=None if energies[0] is None else np.array(energies[::-1]),
-        held=() if holder is None or asked is None else holder.held(asked.names),
+        limbs={} if holder is None or asked is None else holder.held(asked.names),
     )

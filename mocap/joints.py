@@ -4,14 +4,14 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.filters.body_axes import BodyFrames
-from mocap.records import JointTracks, MarkerTracks
+from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton
 
 FRAMES = ("world", "body", "plane", "limb")
-"""Frames of reference of ``joint_tracks``."""
+"""Frames of reference of ``joint_variables``."""
 
 
-def joint_tracks(tracks: MarkerTracks, skeleton: Skeleton, frames: BodyFrames) -> dict[str, JointTracks]:
+def joint_variables(tracks: MarkerTracks, skeleton: Skeleton, frames: BodyFrames) -> dict[str, Array]:
     """The child of every joint relative to its centre, in four frames of reference.
 
     - ``world``: axes of the world.
@@ -28,7 +28,8 @@ def joint_tracks(tracks: MarkerTracks, skeleton: Skeleton, frames: BodyFrames) -
         frames: Body frames of the same recording.
 
     Returns:
-        Joint tracks by name of the frame; coordinates (T, J, 3) in world and body, (T, J, 2) in plane and limb.
+        Variables of a recording: ``joint_world``, ``joint_body`` (T, J, 3), ``joint_plane``, ``joint_limb`` (T, J, 2)
+        in metres, and ``joint_sd`` (T, J), the root mean square standard deviation of a coordinate.
     """
     index = {name: i for i, name in enumerate(tracks.names)}
     triple = np.array([[index[j.parent], index[j.centre], index[j.child]] for j in skeleton.joints], dtype=int)
@@ -36,26 +37,15 @@ def joint_tracks(tracks: MarkerTracks, skeleton: Skeleton, frames: BodyFrames) -
     child = tracks.xyz_m[:, triple[:, 2]] - tracks.xyz_m[:, triple[:, 1]]
     along = tracks.xyz_m[:, triple[:, 1]] - tracks.xyz_m[:, triple[:, 0]]
     sd = np.hypot(tracks.sd_m[:, triple[:, 2]], tracks.sd_m[:, triple[:, 1]])
-    sd = np.where(np.isfinite(child[..., 0]), sd, np.nan)
     child_body = np.einsum("tji,tmj->tmi", frames.rotation, child)
     along_body = np.einsum("tji,tmj->tmi", frames.rotation, along)
     normal, mean_normal = _normals(along_body, child_body)
-    coordinates = {
-        "world": child,
-        "body": child_body,
-        "plane": _in_plane(child_body, _mean_direction(along_body), mean_normal),
-        "limb": _in_plane(child_body, along_body, normal),
-    }
-    names = tuple(j.name for j in skeleton.joints)
     return {
-        frame: JointTracks(
-            names=names,
-            frame=frame,
-            t_s=tracks.t_s,
-            q_m=q,
-            sd_m=np.where(np.isfinite(q[..., 0]), sd, np.nan),
-        )
-        for frame, q in coordinates.items()
+        "joint_world": child,
+        "joint_body": child_body,
+        "joint_plane": _in_plane(child_body, _mean_direction(along_body), mean_normal),
+        "joint_limb": _in_plane(child_body, along_body, normal),
+        "joint_sd": np.where(np.isfinite(child[..., 0]), sd, np.nan),
     }
 
 

@@ -12,7 +12,7 @@ from eal.arrays import Array, frozen, increasing, short_repr, unique
 from eal.over_time import OverTime, Time
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 
 class Status(IntEnum):
@@ -123,84 +123,10 @@ def marker_tracks(
     )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class JointTracks:
-    """Position of a joint's child marker relative to its centre, in one frame of reference.
-
-    Attributes:
-        names: The J joint names, unique.
-        frame: ``world``, ``body``, ``plane`` or ``limb`` (see ``mocap.joints``).
-        t_s: (T,) times in seconds.
-        q_m: (T, J, D) coordinates in metres; D = 3 (world, body) or 2 (plane, limb); NaN where undefined.
-        sd_m: (T, J) root mean square standard deviation of a coordinate; NaN where not known.
-    """
-
-    names: tuple[str, ...]
-    frame: str
-    t_s: OverTime[Array]
-    q_m: OverTime[Array]
-    sd_m: OverTime[Array]
-
-    __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        """Copy, freeze and check."""
-        unique("joint", self.names)
-        object.__setattr__(self, "t_s", frozen("t_s", self.t_s, (None,)))
-        object.__setattr__(self, "q_m", frozen("q_m", self.q_m, (len(self.t_s), len(self.names), None)))
-        object.__setattr__(self, "sd_m", frozen("sd_m", self.sd_m, (len(self.t_s), len(self.names))))
-
-
 ENERGIES = ("energy_j", "v_z", "v_z_bound")
 """Columns of a Lagrangian."""
 PARTS = {0: (), 1: ("bend",), 2: ("across_1", "across_2"), 3: ("across_1", "across_2", "twist")}
 """What the coordinates of a joint are called, by how many it has."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class JointAngles:
-    """Joint angles over time; those of a joint are components of the rotation vector that turns its segment from rest.
-
-    Attributes:
-        names: (F,) ``<joint>_<end of the segment>_<part>``.
-        angle_rad: (T, F); NaN where the animal was not tracked.
-        sd_rad: (T, F) standard deviations: large where samples do not determine an angle.
-        segments: (J,) ``<joint> to <end>``.
-        length_m: (J,) lengths of the segments.
-        length_sd_m: (J,) their standard errors; NaN where a segment was hardly seen.
-        energies: (T, 3) energy of the animal's Lagrangian in J, its V_z, and what V_z stays below if the animal is
-            released there (Theorem 3); (T, 0) where the angles have learned mechanics.
-    """
-
-    names: tuple[str, ...]
-    angle_rad: OverTime[Array]
-    sd_rad: OverTime[Array]
-    segments: tuple[str, ...]
-    length_m: Array
-    length_sd_m: Array
-    energies: OverTime[Array]
-
-    def __post_init__(self) -> None:
-        """Copy, freeze and check."""
-        shape = (len(self.angle_rad), len(self.names))
-        sizes = {"angle_rad": shape, "sd_rad": shape}
-        sizes |= dict.fromkeys(("length_m", "length_sd_m"), (len(self.segments),))
-        sizes["energies"] = (shape[0], 3 if np.shape(self.energies)[1:] == (3,) else 0)
-        for name, size in sizes.items():
-            object.__setattr__(self, name, frozen(name, getattr(self, name), size))
-
-    def to_frame(self, t_s: Array) -> "pd.DataFrame":
-        """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_deg`` and ``<name>_deg_sd``.
-
-        Of a Lagrangian ``energy_j``, ``v_z`` and ``v_z_bound`` as well.
-        """
-        import pandas as pd  # a quarter of a second, which a description of a table does without
-
-        table = {"frame": np.arange(1, len(t_s) + 1), "t_s": t_s}
-        for name, angle, sd in zip(self.names, np.degrees(self.angle_rad).T, np.degrees(self.sd_rad).T, strict=True):
-            table |= {f"{name}_deg": angle, f"{name}_deg_sd": sd}
-        table |= dict(zip(ENERGIES, self.energies.T, strict=False))
-        return pd.DataFrame(table)
 
 
 def angle_names(ends: Sequence[tuple[str, str]], freedoms: Sequence[int]) -> tuple[str, ...]:

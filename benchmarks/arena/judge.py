@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from benchmarks.arena.flights import PAIRS, Flight
 from benchmarks.arena.methods import Outcome
 from eal.arrays import Z95, Array
-from mocap.cameras.camera import project
+from mocap.cameras.triangulate import project
 
 RIGHT_M = 0.01
 """A pair counts as put right if both points are within that of their own landmarks."""

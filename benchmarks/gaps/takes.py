@@ -8,7 +8,6 @@ import numpy as np
 from benchmarks.gaps.method import Film, Trial
 from eal.arrays import Array
 from mocap.cleaning.clean import clean, position_sd
-from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 
 LEAST_SD_M = 1e-5
@@ -90,14 +89,7 @@ def noise_sd(recordings: Sequence[tuple[Array, Array]], names: Sequence[str]) ->
     """(M,) standard deviation of a measured coordinate; recordings are laid end to end, with a hole between them."""
     hole = np.full((5, len(names), 3), np.nan)
     xyz = np.concatenate([part for _, x in recordings for part in (x, hole)])
-    tracks = MarkerTracks(
-        names=tuple(names),
-        t_s=np.arange(len(xyz)) * 1.0,
-        xyz_m=xyz,
-        cov_m2=np.full((*xyz.shape, 3), np.nan),
-        status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
-    )
-    return np.maximum(position_sd(tracks)[0], LEAST_SD_M)
+    return np.maximum(position_sd(xyz)[0], LEAST_SD_M)
 
 
 def believed(t_s: Array, xyz_m: Array, names: Sequence[str]) -> Array:

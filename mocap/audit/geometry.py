@@ -8,8 +8,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.audit.offsets import CLEAR_SD
 from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
-from mocap.cameras.camera import Camera, decompose, may_be_cropped, pinhole_lens, stacked, undistorted
-from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped
+from mocap.cameras.camera import Camera, decompose, flipped, may_be_cropped, pinhole_lens, stacked, undistorted
+from mocap.cameras.origin import CLEARLY, PixelOrigin
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.findings import Finding
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked
-from mocap.cameras.normal_equations import linearise
-from mocap.cameras.triangulate import linear
+from mocap.cameras.triangulate import linear, linearise
 from mocap.findings import Finding
 
 BLOCKS = 12

@@ -7,7 +7,8 @@ from scipy.optimize import least_squares
 
 from eal.arrays import Array
 from mocap.calibration.scene import SAME, distinct
-from mocap.cameras.camera import FLATTEST, PARALLEL, Camera, project
+from mocap.cameras.camera import FLATTEST, PARALLEL, Camera
+from mocap.cameras.triangulate import project
 from mocap.errors import CalibrationError
 
 FEWEST_POINTS = 6  # two equations each for eleven coefficients

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, pinhole_lens, project, stacked
+from mocap.cameras.camera import Camera, pinhole_lens, stacked
 from mocap.cameras.lens import BrownLens
-from mocap.cameras.triangulate import linear, misses
+from mocap.cameras.triangulate import linear, misses, project
 from mocap.errors import CalibrationError
 
 BLOCKS = 8

@@ -8,6 +8,7 @@ import numpy as np
 
 from eal.arrays import Array, frozen
 from mocap.cameras.lens import BrownLens, Lens
+from mocap.cameras.triangulate import project
 from mocap.errors import CalibrationError
 
 FLATTEST = 1e-10
@@ -193,23 +194,6 @@ def stacked(cameras: Sequence[Camera]) -> Array:
     return matrices / np.linalg.norm(matrices[:, 2, :3], axis=1)[:, None, None]
 
 
-def project(matrices: Array, xyz_m: Array) -> Array:
-    """Ideal pixels of world points in every camera.
-
-    Args:
-        matrices: (C, 3, 4) projections.
-        xyz_m: (..., 3) points in metres.
-
-    Returns:
-        (C, ..., 2) pixels; NaN where the point is NaN.
-    """
-    # numerator and denominator as one matrix product over all points and cameras
-    flat = xyz_m.reshape(-1, 3)
-    homogeneous = matrices[:, :, :3] @ flat.T + matrices[:, :, 3:]
-    uv = homogeneous[:, :2] / homogeneous[:, 2:]
-    return np.moveaxis(uv, 1, -1).reshape(len(matrices), *xyz_m.shape[:-1], 2)
-
-
 def record(cameras: Sequence[Camera], xyz_m: Array) -> Array:
     """Pixels as the cameras record them, distortion included; shapes as in ``project``."""
     uv = project(stacked(cameras), xyz_m)
@@ -233,6 +217,19 @@ def undistorted(cameras: Sequence[Camera], uv_px: Array, *, iterations: int | No
             for i, c in enumerate(cameras)
         ]
     )
+
+
+def flipped(uv_px: Array, height_px: float | None) -> Array:
+    """Pixels with v -> H - v.
+
+    Raises:
+        CalibrationError: the height is not known.
+    """
+    if height_px is None:
+        raise CalibrationError("pixels must be flipped, but the image height is not known: give `image_height_px`")
+    out = uv_px.copy()
+    out[..., 1] = height_px - out[..., 1]
+    return out
 
 
 def cropped_camera(camera: Camera, corner_px: Array) -> Camera:

@@ -14,7 +14,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by_camera, find_arrangement
-from mocap.cameras.camera import Camera, may_be_cropped, stacked, undistorted
+from mocap.cameras.camera import Camera, flipped, may_be_cropped, stacked, undistorted
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.errors import CalibrationError
 
@@ -86,55 +86,18 @@ class PixelOrigin:
         return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
 
     def ideal(self, cameras: Sequence[Camera], uv_px: Array, *, iterations: int | None = None) -> Array:
-        """``ideal_pixels`` of (C, ..., 2) pixels that are counted so."""
-        return ideal_pixels(
-            cameras,
-            uv_px,
-            pixels=self.pixels,
-            coefficients=self.coefficients,
-            height_px=self.height_px,
-            iterations=iterations,
-        )
+        """Undistorted pixels in the convention of the coefficients.
 
-
-def ideal_pixels(
-    cameras: Sequence[Camera],
-    uv_px: Array,
-    *,
-    pixels: PixelCorner,
-    coefficients: PixelCorner,
-    height_px: float | None,
-    iterations: int | None,
-) -> Array:
-    """Undistorted pixels in the convention of the coefficients.
-
-    Args:
-        cameras: The C cameras.
-        uv_px: (C, ..., 2) pixels as recorded.
-        pixels: Their origin.
-        coefficients: The origin of the coefficients.
-        height_px: Image height H of the flip v -> H - v; needed where a flip is.
-        iterations: As in ``BrownLens.undistort``.
-    """
-    lens = any(c.lens is not None for c in cameras)
-    if not lens and pixels == coefficients:
-        return uv_px
-    uv = flipped(uv_px, height_px) if pixels == "lower-left" else uv_px
-    uv = undistorted(cameras, uv, iterations=iterations)
-    return flipped(uv, height_px) if coefficients == "lower-left" else uv
-
-
-def flipped(uv_px: Array, height_px: float | None) -> Array:
-    """Pixels with v -> H - v.
-
-    Raises:
-        CalibrationError: the height is not known.
-    """
-    if height_px is None:
-        raise CalibrationError("pixels must be flipped, but the image height is not known: give `image_height_px`")
-    out = uv_px.copy()
-    out[..., 1] = height_px - out[..., 1]
-    return out
+        Args:
+            cameras: The C cameras.
+            uv_px: (C, ..., 2) pixels as recorded.
+            iterations: As in ``BrownLens.undistort``.
+        """
+        if all(c.lens is None for c in cameras) and self.pixels == self.coefficients:
+            return uv_px
+        uv = flipped(uv_px, self.height_px) if self.pixels == "lower-left" else uv_px
+        uv = undistorted(cameras, uv, iterations=iterations)
+        return flipped(uv, self.height_px) if self.coefficients == "lower-left" else uv
 
 
 def decide_origin(
@@ -238,6 +201,27 @@ def decide_origin(
         next_px=min(rest, default=np.inf),
         usual=best[1] == best[2] == usual,
         guessed=best[1] != best[2] and (origin is None or coefficients is None),
+    )
+
+
+def origin_alone(
+    cameras: Sequence[Camera],
+    *,
+    origin: PixelCorner | None = None,
+    coefficients: PixelCorner | None = None,
+    height_px: float | None = None,
+    usual: PixelCorner | None = None,
+) -> PixelOrigin:
+    """The same of pixels whose rays never meet, so that nothing tells: as stated, or as programs count."""
+    corner = origin or usual or coefficients or "upper-left"
+    return PixelOrigin(
+        pixels=corner,
+        coefficients=coefficients or corner,
+        stated=origin is not None,
+        matters=False,
+        height_px=height_px or image_heights(cameras)[0],
+        residual_px=np.nan,
+        next_px=np.inf,
     )
 
 

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cameras.camera import project
-from mocap.cameras.normal_equations import fit, linearise
-from mocap.cameras.triangulate import MISSES, linear, pixel_sd, refine, residual_px
+from mocap.cameras.triangulate import MISSES, fit, linear, linearise, pixel_sd, project, refine, residual_px
 from mocap.cleaning.click_noise import SHRINK
 from mocap.filters.whittaker import fastest_hz, smooth_series, smoother
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from eal.arrays import Array, true_runs
-from mocap.cameras.normal_equations import Fit, Linearised, fit, linearise
-from mocap.cameras.triangulate import linear
+from mocap.cameras.triangulate import Fit, Linearised, fit, linear, linearise
 from mocap.cleaning.click_noise import USUAL_DOF
 
 BAD, WORSE = 3.0, 2.0
@@ -173,22 +172,17 @@ def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Arr
         known = np.isfinite(row)
         if not known.any():
             continue
-        for start, stop in true_runs(_closed(_filled(row[None])[0] > WORSE)):
+        all_over, miss = _filled(row[None])[0], miss_px[camera]
+        runs = list[tuple[int, int]]()
+        for start, stop in true_runs(all_over > WORSE):  # without gaps of up to twice the shortest
+            joins = bool(runs) and start - runs[-1][1] <= 2 * SHORTEST
+            runs = [*runs[:-1], (runs[-1][0], stop)] if joins else [*runs, (start, stop)]
+        for start, stop in runs:
             inside = row[start:stop][known[start:stop]]
-            miss = miss_px[camera]
             sudden = max(_step(miss, seen, start), _step(miss[::-1], seen[:, ::-1], len(row) - stop))
             if np.count_nonzero(inside > BAD) >= SHORTEST and sudden > WORSE:
-                factor[camera, start:stop] = np.maximum(_filled(row[None])[0, start:stop], 1.0)
+                factor[camera, start:stop] = np.maximum(all_over[start:stop], 1.0)
     return factor, good
-
-
-def _closed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """A mask without gaps of up to twice ``SHORTEST`` frames."""
-    out = mask.copy()
-    for start, stop in true_runs(~mask):
-        if start > 0 and stop < len(mask) and stop - start <= 2 * SHORTEST:
-            out[start:stop] = True
-    return out
 
 
 def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:

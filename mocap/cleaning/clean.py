@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array, varying
 from mocap.filters.anatomy import ends_among
-from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton
 
 Mask = NDArray[np.bool_]
@@ -218,20 +217,21 @@ def _column_medians(values: Array) -> Array:
     return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in values.T])
 
 
-def position_sd(tracks: MarkerTracks) -> Array:
-    """(T, M) standard deviation of a coordinate from fourth differences, which smooth motion hardly feels.
+def position_sd(xyz_m: Array) -> Array:
+    """(T, M) standard deviation of a coordinate of (T, M, 3) positions, from fourth differences.
 
-    White noise of variance s^2 gives fourth differences of variance 70 s^2. Digitising errors have heavy tails: the
-    result is the root mean square of a marker's differences within five robust standard deviations (their median is
-    0.6745 of one). Markers with too few samples take the median of the others, and all at least 1e-6 m.
+    Smooth motion has hardly any. White noise of variance s^2 gives fourth differences of variance 70 s^2. Digitising
+    errors have heavy tails: the result is the root mean square of a marker's differences within five robust standard
+    deviations (their median is 0.6745 of one). Markers with too few samples take the median of the others, and all at
+    least 1e-6 m.
     Points in a plane have two coordinates.
     """
-    size = np.abs(np.asarray(np.diff(tracks.xyz_m[..., varying(tracks.xyz_m)], n=4, axis=0))) / np.sqrt(70)
-    sd: Array = np.full(tracks.xyz_m.shape[1], np.nan)
+    size = np.abs(np.asarray(np.diff(xyz_m[..., varying(xyz_m)], n=4, axis=0))) / np.sqrt(70)
+    sd: Array = np.full(xyz_m.shape[1], np.nan)
     for marker in range(len(sd)):
         known = size[:, marker][np.isfinite(size[:, marker])]
         if len(known) >= 15:
             near = known[known <= 5 * np.median(known) / 0.6745]
             sd[marker] = np.sqrt(np.mean(near**2))
     fallback = np.nanmedian(sd) if np.isfinite(sd).any() else 1e-3
-    return np.broadcast_to(np.maximum(np.where(np.isfinite(sd), sd, fallback), 1e-6), tracks.xyz_m.shape[:2])
+    return np.broadcast_to(np.maximum(np.where(np.isfinite(sd), sd, fallback), 1e-6), xyz_m.shape[:2])

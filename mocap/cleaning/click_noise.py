@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.normal_equations import PAIRS, fit, linearise
-from mocap.cameras.triangulate import refine
+from mocap.cameras.triangulate import PAIRS, fit, linearise, refine
 
 USUAL_DOF = 4.0
 """Degrees of freedom that are assumed of a camera of which little is known: heavy tails with a variance. Chosen; what
@@ -51,7 +50,7 @@ def click_noise(
     """Estimate scales and degrees of freedom from residuals of triangulation.
 
     ECME (Liu & Rubin 1995, Biometrika 81): weights w = (nu + 2) / (nu + d^2) with d^2 = 2 r^2 / (rho s^2), where rho is
-    the redundancy of the ray (``normal_equations.Fit``), which gives back what the three coordinates of each
+    the redundancy of the ray (``mocap.cameras.triangulate.Fit``), which gives back what the three coordinates of each
     point took up; then in turn points, the common scale, cameras and markers from s^2 = sum w r^2 / sum rho (the
     factors with ``SHRINK`` more errors of factor 1), and nu where the density of d^2 itself,
     prod (1 + d^2 / nu)^-(nu + 2)/2 / (2 pi), times its prior, is greatest.
@@ -151,7 +150,7 @@ def student_t(
     such a ray is (nu + 2) / (nu + 4) / s^2 in each coordinate, which the deviations below are set to.
 
     The scale follows from s^2 = sum v r^2 / sum rho over all rays, each divided by its factors, with
-    v = (nu + d) / (nu + d r^2 / (rho s^2)), rho the redundancy of a ray (``mocap.cameras.normal_equations.Fit``) and d
+    v = (nu + d) / (nu + d r^2 / (rho s^2)), rho the redundancy of a ray (``mocap.cameras.triangulate.Fit``) and d
     the number of its errors that are left in its residual: 2, or 1 of two rays, which show how far they pass each other
     and no more.
     Residuals in place of errors in v would make it 9 % too large with eight cameras, 18 % with four, 38 % with two.

@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cameras.camera import project
-from mocap.cameras.normal_equations import linearise
-from mocap.cameras.triangulate import linear, refine
+from mocap.cameras.triangulate import linear, linearise, project, refine
 
 Mask = NDArray[np.bool_]
 
@@ -56,6 +54,16 @@ class LikelihoodNoise:
     def believed(self, likelihood: Array) -> Mask:
         """Where clicks are believed; those without likelihood are."""
         return ~(likelihood < self.least)
+
+
+def weighed_clicks(
+    matrices: Array, uv_px: Array, likelihood: Array | None
+) -> tuple[LikelihoodNoise | None, Mask, Array]:
+    """What likelihoods are worth; (C, T, M) clicks that are not believed, and deviations relative to a usual click."""
+    found = None if likelihood is None else likelihood_noise(matrices, uv_px, likelihood)
+    if found is None or likelihood is None:
+        return None, np.zeros(uv_px.shape[:3], dtype=bool), np.ones(uv_px.shape[:3])
+    return found, np.isfinite(uv_px[..., 0]) & ~found.believed(likelihood), found.factors(likelihood)
 
 
 def likelihood_noise(matrices: Array, uv_px: Array, likelihood: Array) -> LikelihoodNoise | None:

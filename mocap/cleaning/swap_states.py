@@ -7,16 +7,16 @@ where its probability, given all frames, is close to one; where it is in between
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
-from mocap.cameras.triangulate import robust
-from mocap.cleaning.swapped_rays import agreement
-from mocap.cleaning.swaps import STEP, Swap, student_log, usual_length
+from mocap.cameras.triangulate import Triangulation, robust
+from mocap.cleaning.swapped_rays import agreement, exchange_rays, exchanged_rays, extent_px
+from mocap.cleaning.swaps import STEP, Swap, exchange, exchanged_markers, student_log, usual_length, without_edited
 
 Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
@@ -274,3 +274,55 @@ def mixed(swap: Swap, rays: Sequence[Swap], ambiguous: Mask) -> bool:
         {ray.a, ray.b} & set(pair) and ray.camera is not None and ray.frames[0] <= last and ray.frames[-1] >= first
         for ray in rays
     )
+
+
+def names_put_right(
+    matrices: Array, uv_px: Array, found: Triangulation, *, bones: NDArray[np.int64], edited: Mask, relative: Array
+) -> tuple[Array, Triangulation, tuple[Swap, ...], Mask, Mask, Array]:
+    """Undo exchanges of names in single cameras, then in all.
+
+    Up to ``CAMERAS`` cameras a single ray says little: there exchanges are proposals, of which a model of all cameras'
+    states decides.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
+        found: What ``robust`` made of them.
+        bones: (B, 2) markers at a constant distance.
+        edited: (T, M) samples that a person corrected.
+        relative: (C, T, M) deviations of rays relative to each other.
+
+    Returns:
+        The pixels without ambiguous ones; their points; runs of frames that were undone; (T, M) samples and (C, T, M)
+        clicks that may be of either of two markers; and the deviations of rays, exchanged as the rays are.
+    """
+    uv = uv_px
+    rays = exchanged_rays(matrices, uv, found, relative=relative)
+    ambiguous = np.zeros(uv.shape[:3], dtype=bool)
+    few = len(uv) <= CAMERAS
+    if rays and few:
+        settled = settle_all(matrices, uv, rays, sd_px=found.sd_px, relative=relative, extent_px=extent_px(uv))
+        uv, relative, rays, ambiguous = settled
+        ambiguous &= np.isfinite(uv[..., 0]) & ~edited
+        uv = np.where(ambiguous[..., None], np.nan, uv)
+    elif rays:
+        uv, relative = exchange_rays(uv, rays), exchange_rays(relative, rays)
+    rays, undone = without_edited(rays, edited)
+    uv, relative = exchange_rays(uv, undone), exchange_rays(relative, undone)
+    if rays or ambiguous.any():
+        found = robust(matrices, uv, sd_px=found.sd_px, relative=relative)
+    doubtful = ambiguous.any(axis=0) & np.isnan(found.xyz_m[..., 0])
+    points = exchanged_markers(found.xyz_m, bones)
+    swaps, _ = without_edited(points.swaps, edited)
+    swaps = [swap for swap in swaps if not (few and mixed(swap, rays, ambiguous))]
+    if swaps:
+        uv, relative = exchange_rays(uv, swaps), exchange_rays(relative, swaps)
+        found = replace(
+            found,
+            xyz_m=exchange(found.xyz_m, swaps),
+            cov_m2=exchange(found.cov_m2, swaps),
+            residual_px=exchange(found.residual_px, swaps),
+            rejected=exchange_rays(found.rejected, swaps),
+        )
+    doubtful = (points.unsure & ~edited) | (exchange(doubtful.astype(float), swaps) > 0)
+    return uv, found, (*rays, *swaps), doubtful, ambiguous, relative

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
-from mocap.cameras.camera import project
-from mocap.cameras.triangulate import Triangulation, robust
+from mocap.cameras.triangulate import Triangulation, project, robust
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.cleaning.swaps import CHANGE, MARGIN, Swap, clearest, exchange, student_log
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.origin import flipped
+from mocap.cameras.camera import flipped
 from mocap.digitising.naming import seen_from
 from mocap.digitising.videos import Videos, open_videos
 from mocap.errors import MocapError

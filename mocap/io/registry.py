@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from eal.plugins import offered
-from mocap.cameras.origin import flipped
+from mocap.cameras.camera import flipped
 from mocap.errors import FormatError
 from mocap.io import (
     anipose,

@@ -16,10 +16,10 @@ from mocap.filters.body_axes import BodyFrames
 from mocap.filters.model import LearnedModel
 from mocap.io.csv_table import read_table
 from mocap.io.manifest import current_files
-from mocap.joints import joint_tracks
+from mocap.joints import joint_variables
 from mocap.pipeline.model_file import load_model
 from mocap.pipeline.potentials import joint_potentials
-from mocap.records import JointTracks, marker_tracks
+from mocap.records import marker_tracks
 from mocap.schema import Entry, Schema, checked
 from mocap.skeleton import Joint, Skeleton, read_skeleton
 
@@ -140,13 +140,12 @@ def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, p
         still = BodyFrames(
             rotation=np.tile(np.eye(3), (len(trial.t_s), 1, 1)), position_m=np.zeros((len(trial.t_s), 3))
         )
-        q.append(joint_tracks(markers, bones, still)[FRAME].q_m)
+        q.append(joint_variables(markers, bones, still)[f"joint_{FRAME}"])
         origin.append(trial.xyz_m)
         t.append(trial.t_s - trial.t_s[0] + (t[-1][-1] + model.dt_s if t else 0.0))
     t_s, q_m = np.concatenate(t), np.concatenate(q)
-    tracks = JointTracks(names=(wanted.name,), frame=FRAME, t_s=t_s, q_m=q_m, sd_m=np.full(q_m.shape[:2], np.nan))
     markers = marker_tracks(model.names, t_s, np.concatenate(origin))
-    found = joint_potentials(tracks, markers, bones, trials=owner.tolist())
+    found = joint_potentials({wanted.name: q_m[:, 0]}, FRAME, markers, bones, trials=owner.tolist())
     if wanted.name not in found:
         raise MocapError(f"{path}: {wanted.name} has too few frames in which its three markers were measured")
     one = found[wanted.name]

@@ -108,7 +108,8 @@ def _three_angles(motion: Motion, joint: Joint, axes: JointAxes) -> Iterator[Qua
     A line from one side of the animal to the other leads to the side of the joint, whichever way it is stated.
     """
     side = next((one for one in map(side_of, (joint.name, joint.centre)) if one != TRUNK), TRUNK)
-    lines = [(b, a) if _crosses(a, b) and side_of(a) == side else (a, b) for a, b in axes.lines]
+    crossing = {LEFT, RIGHT}
+    lines = [(b, a) if {side_of(a), side_of(b)} == crossing and side_of(a) == side else (a, b) for a, b in axes.lines]
     points = Points.of(motion, [marker for line in lines for marker in line])
     about = (
         ("flexion", "in the parent's plane of flexion, about its axis normal to its long axis and second direction"),
@@ -126,11 +127,6 @@ def _three_angles(motion: Motion, joint: Joint, axes: JointAxes) -> Iterator[Qua
         value, *rates = with_rates(points, angle, naming)
         yield replace(value, value=angles.near_the_mean(value.value))
         yield from rates
-
-
-def _crosses(a: str, b: str) -> bool:
-    """Whether two markers are one of the left and one of the right."""
-    return {side_of(a), side_of(b)} == {LEFT, RIGHT}
 
 
 def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:

@@ -34,11 +34,6 @@ def distal_parts(skeleton: Skeleton) -> dict[str, Distal | str]:
     return {joint.name: _beyond(skeleton, joint, neighbours) for joint in skeleton.joints}
 
 
-def distal_sets(skeleton: Skeleton) -> list[tuple[str, ...]]:
-    """Markers that enter the moment of one joint together."""
-    return [part.markers for part in distal_parts(skeleton).values() if isinstance(part, Distal)]
-
-
 def _neighbours(skeleton: Skeleton) -> dict[str, set[str]]:
     lines = [(bone.a, bone.b) for bone in skeleton.bones]
     lines += [line for j in skeleton.joints for line in ((j.parent, j.centre), (j.centre, j.child))]

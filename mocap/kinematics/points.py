@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from mocap.filters.velocities import Asked
-from mocap.kinematics.distal import distal_sets
+from mocap.kinematics.distal import Distal, distal_parts
 from mocap.measures import Segment
 from mocap.skeleton import Skeleton
 
@@ -14,7 +14,8 @@ BODY, MASS = "body", "centre_of_mass"
 
 def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Asked:
     """All that the quantities of a skeleton need."""
-    weights = [mean_weights(names, skeleton.trunk or names)]
+    body = skeleton.trunk or names
+    weights = [tuple(1 / len(body) if name in body else 0.0 for name in names)]
     means = [BODY]
     if skeleton.measures.segments:
         weights.append(mass_weights(names, list(skeleton.measures.segments.values())))
@@ -22,7 +23,8 @@ def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Ask
     index = {name: i for i, name in enumerate((*names, *means))}
     joints = [(j.parent, j.centre, j.child) for j in skeleton.joints]
     joints += [(*skeleton.bodies[j.parent], *skeleton.bodies[j.child]) for j in skeleton.body_joints]
-    needed = [joints, measured_sets(skeleton), distal_sets(skeleton)]
+    moments = [part.markers for part in distal_parts(skeleton).values() if isinstance(part, Distal)]
+    needed = [joints, measured_sets(skeleton), moments]
     pairs: list[tuple[int, int]] = []
     for sets in needed:
         found = {
@@ -48,11 +50,6 @@ def measured_sets(skeleton: Skeleton) -> list[tuple[str, ...]]:
     for axes in measures.axes.values():
         sets.append(tuple(marker for line in axes.lines for marker in line))
     return sets
-
-
-def mean_weights(names: Sequence[str], markers: Sequence[str]) -> tuple[float, ...]:
-    """Weights of the mean of some markers."""
-    return tuple(1 / len(markers) if name in markers else 0.0 for name in names)
 
 
 def mass_weights(names: Sequence[str], segments: Sequence[Segment]) -> tuple[float, ...]:

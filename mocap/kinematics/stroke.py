@@ -11,7 +11,6 @@ from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.delta import Naming, Points, called, with_rates
 from mocap.kinematics.records import Quantity
-from mocap.measures import Line
 from mocap.skeleton import Skeleton
 
 
@@ -30,12 +29,6 @@ class StrokePlane:
     up: Array
     normal: Array
     inclination_rad: float
-
-
-def trunk_frame(measures_forward: Line, measures_left: Line, motion: Motion) -> Array:
-    """(T, 3, 3) axes of the trunk as columns: ahead, left, up."""
-    four = [motion.xyz_m[:, motion.index(marker)] for marker in (*measures_forward, *measures_left)]
-    return angles.frames_of_four(np.stack(four, axis=1))
 
 
 def stroke_plane(direction: Array) -> StrokePlane | None:
@@ -76,7 +69,8 @@ def stroke_quantities(motion: Motion, skeleton: Skeleton) -> list[Quantity]:
     if measures.forward is None or measures.left is None:
         return []
     out: list[Quantity] = []
-    frame = trunk_frame(measures.forward, measures.left, motion)
+    four = [motion.xyz_m[:, motion.index(marker)] for marker in (*measures.forward, *measures.left)]
+    frame = angles.frames_of_four(np.stack(four, axis=1))  # columns: ahead, left, up
     for name, (root, tip) in measures.strokes.items():
         away = motion.xyz_m[:, motion.index(tip)] - motion.xyz_m[:, motion.index(root)]
         plane = stroke_plane(angles.unit(np.einsum("tji,tj->ti", frame, away)))

@@ -13,15 +13,14 @@ from numpy.typing import ArrayLike
 from eal.arrays import Array, unique
 from mocap.cameras.camera import Camera, dlt_camera, scaled
 from mocap.cameras.origin import PixelCorner
-from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError
+from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.movement import of_dataset
 from mocap.io.optical import metres, rate_of_times
 from mocap.io.plausible import plausible
 from mocap.pipeline.reading import animal, calibration_of, check_rig, complete
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.variables import dataset_of
+from mocap.pipeline.recording import Recording, dataset_of
 from mocap.skeleton import Skeleton
 
 TIMES = ("t_s", "time", "time_s")
@@ -282,20 +281,3 @@ def _cameras(given: Any, unit: str | None) -> tuple[tuple[Camera, ...], str | No
                 "calibration file"
             )
     return (cameras, None, ()) if unit is None else (scaled(cameras, metres(Path("`cameras`"), unit)), unit, ())
-
-
-def as_recording(given: Any, verb: str) -> Recording:
-    """What a verb takes.
-
-    Raises:
-        MocapError: it is no recording; the message says how to make one of what came.
-    """
-    if isinstance(given, Recording):
-        return given
-    if isinstance(given, str | PathLike):
-        how = f"read the file first: mocap.{verb}(mocap.read({str(given)!r}, ...))"
-    elif type(given).__name__ in ("ndarray", "DataFrame", "Dataset", "DataArray"):
-        how = f"make one of it first: mocap.{verb}(mocap.from_arrays(...))"
-    else:
-        how = "mocap.read and mocap.from_arrays give one"
-    raise MocapError(f"mocap.{verb} takes a recording, not {type(given).__name__}: {how}")

@@ -19,14 +19,12 @@ from mocap.filters.model import LearnedModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.score import Score
 from mocap.io.tables_long import LongTable
-from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import track_part
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.reading import animal
-from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.recording import Recording, dataset, of_points
 from mocap.pipeline.tracking import motion_of, of_tracks, seen_part, why_no_pose
-from mocap.pipeline.variables import dataset, with_motion
 from mocap.progress import Stages
 from mocap.records import Status, marker_tracks
 from mocap.text import as_text
@@ -170,9 +168,8 @@ def track_block(
     cleaned = clean(part, first=first + start) if seen.any() else part
     if not cleaned.cleaned or not np.isfinite(cleaned.xyz_m[..., 0]).any():
         nowhere = marker_tracks(part.names, part.t_s, np.full((*seen.shape[-2:], 3), np.nan))
-        asked = asked_for(part.names, part.skeleton, n_frames=len(seen))
         empty = of_tracks(nowhere, part.skeleton, name=part.name, model=model)
-        empty = replace(empty, data=with_motion(empty.data, motion_of(nowhere, slice(0, 0), None, asked)))
+        empty = empty.with_motion(motion_of(nowhere, slice(0, 0), None, part.asked))
         return empty, replace(empty, findings=cleaned.findings), own, {}
     posed = why_no_pose(seen_part(cleaned)) is None
     if not posed and NAMED[model].posed:

@@ -17,20 +17,18 @@ from mocap.cleaning.camera_health import camera_health, shifted_back
 from mocap.cleaning.clean import clean as cleaned_positions
 from mocap.cleaning.clean import position_sd
 from mocap.cleaning.click_noise import LEAST_PX, click_noise, student_t
-from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
-from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
-from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
-from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, without_edited
+from mocap.cleaning.likelihoods import weighed_clicks
+from mocap.cleaning.swap_states import names_put_right
+from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, exchanged_samples, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
-from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.by_hand import with_hand, without_hand
-from mocap.pipeline.recording import Recording
-from mocap.records import MarkerTracks, Plane, Status, marker_tracks
+from mocap.pipeline.recording import Recording, as_recording
+from mocap.records import Plane, Status
 from mocap.skeleton import Measures, Skeleton
 
 LEAST_LIKELIHOOD = 0.6
@@ -56,16 +54,19 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
     if recording.cleaned:
         return recording
     if recording.planar or not recording.filmed:
-        found, points = _in_plane(recording) if recording.planar else (recording, recording.points)
-        if points is None:
+        found = _in_plane(recording) if recording.planar else recording
+        if found.points is None:
             raise FormatError(
                 f"{recording.where}: contains no tracks ({recording.format}): give a file of pixels or positions"
             )
-        if not points.seen.any():
+        if not found.points.seen.any():
             raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
-        return _positions(found, points, first)
-    done = _film(with_ideal_pixels(without_hand(recording)), first)
-    return with_hand(done, recording, first=first)
+        done = _positions(found, first)
+    else:
+        done = _film(with_ideal_pixels(without_hand(recording)), first)
+        done = with_hand(done, recording, first=first)
+    exchanged = np.any(list(exchanged_samples(done.xyz_m.shape[:2], done.swaps).values()), axis=0)
+    return done.having(repaired=np.where(done.edited, 2, exchanged).astype(np.int8))
 
 
 def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, find_unit: bool = True) -> Recording:
@@ -172,19 +173,6 @@ def _decided_apart(
         raise
 
 
-def by_pixels(recording: Recording, relative: Array | float = 1.0) -> tuple[float, float | None]:
-    """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
-
-    Args:
-        recording: With ideal pixels; where nobody states a deviation, ``triangulate.robust`` finds its own (None).
-        relative: Deviations of rays relative to it, broadcastable to (C, T, M).
-    """
-    if recording.pixel_sd is None:
-        return np.nan, None
-    shown = triangulate.apparent_sd(recording.matrices, recording.ideal_px, relative=np.asarray(relative))
-    return shown, max(recording.pixel_sd, shown)
-
-
 def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
     beside, pixels = recording.stored, recording.pixels
@@ -208,7 +196,7 @@ def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | N
     return tuple(stale), [sentences.compared_points(where, stale, int(stored.seen.sum()))]
 
 
-def _in_plane(recording: Recording) -> tuple[Recording, MarkerTracks]:
+def _in_plane(recording: Recording) -> Recording:
     """One video without a calibration: positions in its image, in the axes of the file; third coordinates are 0."""
     pixels, likelihood, known = recording.pixels, recording.score, recording.skeleton
     assert pixels is not None
@@ -217,12 +205,13 @@ def _in_plane(recording: Recording) -> tuple[Recording, MarkerTracks]:
         unlikely = pixels.seen[0] & (likelihood[0] < LEAST_LIKELIHOOD)
         uv = np.where(unlikely[..., None], np.nan, uv)
     flat = np.where(np.isfinite(uv[..., :1]), 0.0, np.nan)
-    tracks = marker_tracks(pixels.names, pixels.t_s, plane.unit_m * np.concatenate([uv, flat], axis=-1))
+    xyz = plane.unit_m * np.concatenate([uv, flat], axis=-1)
+    found = recording.having(position=xyz, covariance=np.full((*xyz.shape, 3), np.nan), status=_status(xyz, ()))
     measures = bool(known.bones or known.joints or known.measures != Measures())
     how, *unused = sentences.in_plane(plane, measures=measures)
     told = how, *sentences.unlikely_clicks(unlikely, pixels.seen, LEAST_LIKELIHOOD), *unused
     skeleton = replace(known, bones=(), joints=(), measures=Measures())
-    return replace(recording, skeleton=skeleton, plane=plane, findings=(*recording.findings, *told)), tracks
+    return replace(found, skeleton=skeleton, plane=plane, findings=(*recording.findings, *told))
 
 
 def _status(xyz_m: Array, rejected: Sequence[NDArray[np.bool_]]) -> NDArray[np.int8]:
@@ -242,15 +231,16 @@ def _film(recording: Recording, first: int) -> Recording:
     rows = film.rows
     assert rows is not None  # so that this was decided
     stale, told = audit_points(film)
-    likely, unlikely, relative = _by_likelihood(film)
-    film = film.having(ideal=np.where(unlikely[..., None], np.nan, film.ideal_px))
-    health = camera_health(film.matrices, film.ideal_px)
-    worse = health.factor[..., None] * relative
-    film = film.having(ideal=shifted_back(film.ideal_px, health))
-    shown, gate = by_pixels(film, worse)
-    found = triangulate.robust(film.matrices, film.ideal_px, sd_px=gate, relative=worse)
-    film, found, swaps, doubtful, ambiguous, worse = _names_put_right(film, found, skeleton, names, worse)
     matrices, ideal = film.matrices, film.ideal_px
+    likely, unlikely, relative = weighed_clicks(matrices, ideal, film.score)
+    ideal = np.where(unlikely[..., None], np.nan, ideal)
+    health = camera_health(matrices, ideal)
+    ideal, worse = shifted_back(ideal, health), health.factor[..., None] * relative
+    found = triangulate.robust(matrices, ideal, least_px=film.pixel_sd, relative=worse)
+    shown = found.shown_px
+    ideal, found, swaps, doubtful, ambiguous, worse = names_put_right(
+        matrices, ideal, found, bones=_rigid(skeleton, names), edited=film.edited, relative=worse
+    )
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     xyz = np.where(doubtful[..., None], np.nan, found.xyz_m)
     cleaning = cleaned_positions(xyz, sd, t_s, skeleton, names, certain=film.edited)
@@ -284,6 +274,7 @@ def _film(recording: Recording, first: int) -> Recording:
         position=xyz,
         covariance=cov * ratio**2,
         status=_status(xyz, list(rejected.values())),
+        ideal=ideal,
         believed=uv,
         ray_sd=ray_sd * ratio,
         ray_scale=ray_scale * ratio,
@@ -354,20 +345,10 @@ def _lens_uncertainty(film: Recording, audited: list[Finding], uv_px: Array) -> 
     return moved[..., :, None] * moved[..., None, :], [sentences.lens_left(far)]
 
 
-def _by_likelihood(film: Recording) -> tuple[LikelihoodNoise | None, NDArray[np.bool_], Array]:
-    """What likelihoods are worth; (C, T, M) clicks that are not believed, and deviations relative to a usual click."""
-    shape, likelihood = film.ideal_px.shape[:3], film.score
-    found = None if likelihood is None else likelihood_noise(film.matrices, film.ideal_px, likelihood)
-    if found is None or likelihood is None:
-        return None, np.zeros(shape, dtype=bool), np.ones(shape)
-    unlikely = np.isfinite(film.ideal_px[..., 0]) & ~found.believed(likelihood)
-    return found, unlikely, found.factors(likelihood)
-
-
-def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Recording:
+def _positions(recording: Recording, first: int) -> Recording:
     """Positions, of which the noise is estimated where no covariance states it."""
-    names, plane, skeleton = tracks.names, recording.plane, recording.skeleton
-    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), 1e-6)  # whatever a file says
+    tracks, names, plane, skeleton = recording.tracks, recording.names, recording.plane, recording.skeleton
+    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks.xyz_m)), 1e-6)  # whatever a file says
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     swaps, _ = without_edited(named.swaps, recording.edited)
     xyz, sd = exchange(tracks.xyz_m, swaps), exchange(sd, swaps)
@@ -407,47 +388,3 @@ def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Record
 def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
     """(B, 2) markers of the rigid bones."""
     return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
-
-
-def _names_put_right(
-    film: Recording, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
-) -> tuple[Recording, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_], NDArray[np.bool_], Array]:
-    """Undo exchanges of names in single cameras, then in all.
-
-    Up to ``CAMERAS`` cameras a single ray says little: there exchanges are proposals, of which a model of all cameras'
-    states decides.
-
-    Returns:
-        The pixels without ambiguous ones; their points; runs of frames that were undone; (T, M) samples and (C, T, M)
-        clicks that may be of either of two markers; and the deviations of rays, exchanged as the rays are.
-    """
-    matrices, uv = film.matrices, film.ideal_px
-    rays = exchanged_rays(matrices, uv, found, relative=relative)
-    ambiguous = np.zeros(uv.shape[:3], dtype=bool)
-    few = len(uv) <= CAMERAS
-    if rays and few:
-        settled = settle_all(matrices, uv, rays, sd_px=found.sd_px, relative=relative, extent_px=extent_px(uv))
-        uv, relative, rays, ambiguous = settled
-        ambiguous &= np.isfinite(uv[..., 0]) & ~film.edited
-        uv = np.where(ambiguous[..., None], np.nan, uv)
-    elif rays:
-        uv, relative = exchange_rays(uv, rays), exchange_rays(relative, rays)
-    rays, undone = without_edited(rays, film.edited)
-    uv, relative = exchange_rays(uv, undone), exchange_rays(relative, undone)
-    if rays or ambiguous.any():
-        found = triangulate.robust(matrices, uv, sd_px=found.sd_px, relative=relative)
-    doubtful = ambiguous.any(axis=0) & np.isnan(found.xyz_m[..., 0])
-    points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
-    swaps, _ = without_edited(points.swaps, film.edited)
-    swaps = [swap for swap in swaps if not (few and mixed(swap, rays, ambiguous))]
-    if swaps:
-        uv, relative = exchange_rays(uv, swaps), exchange_rays(relative, swaps)
-        found = replace(
-            found,
-            xyz_m=exchange(found.xyz_m, swaps),
-            cov_m2=exchange(found.cov_m2, swaps),
-            residual_px=exchange(found.residual_px, swaps),
-            rejected=exchange_rays(found.rejected, swaps),
-        )
-    doubtful = (points.unsure & ~film.edited) | (exchange(doubtful.astype(float), swaps) > 0)
-    return film.having(ideal=uv), found, (*rays, *swaps), doubtful, ambiguous, relative

@@ -17,7 +17,6 @@ from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
 from mocap.filters.size import size_factor
-from mocap.kinematics.points import asked_for
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
@@ -94,9 +93,14 @@ def run_job(
     """
     stages = stages or Stages()
     with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
-        tracked, recording, why, scores = track_part(
-            source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
-        )
+        if of_one_camera(source):
+            with stages.stage("track one camera") as progress:
+                recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
+            tracked, scores = with_track(recording, part, NAME, smoothed), {}
+        else:
+            tracked, recording, why, scores = track_part(
+                source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
+            )
         return reported(tracked, recording, why=why, scores=scores, stages=stages), recording
 
 
@@ -116,17 +120,12 @@ def track_part(
         The recording as it was tracked, with joints, and as it was cleaned; why it was tracked by that model; and how
         gaps that were hidden in it were filled.
     """
-    if not source.cleaned and of_one_camera(source):
-        with stages.stage("track one camera") as progress:
-            recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
-        return with_track(recording, part, NAME, smoothed), recording, why, {}
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):
         with stages.stage("check points of two rays"):
             recording = without_contradicted(recording, learned)
             part = seen_part(recording)
-    asked = asked_for(recording.names, recording.skeleton, n_frames=len(recording.t_s))
     if watch is not None:
         with stages.stage("filter live"):
             alone = model if model in NAMED else "eal" if posed else "constant_velocity"
@@ -136,7 +135,7 @@ def track_part(
     mixed, scores = None, {}
     if mixing or learned is not None:
         with stages.stage("track with a mixture of models" if mixing else "track") as progress:
-            mixed = track_mixed(part, learned, asked=asked, compared=beside, seed=seed, progress=progress)
+            mixed = track_mixed(part, learned, asked=recording.asked, compared=beside, seed=seed, progress=progress)
         scores = {} if mixed is None else mixed.scores
     elif beside:
         with stages.stage("validate on hidden samples") as progress:
@@ -150,7 +149,7 @@ def track_part(
         with stages.stage("learn"):
             own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
-            smoothed = track(part, own, asked=asked, progress=progress)
+            smoothed = track(part, own, asked=recording.asked, progress=progress)
     return with_track(recording, part, name, smoothed, own), recording, why, scores
 
 
@@ -195,14 +194,14 @@ def reported(
         stages: Timer and progress.
         whole: Counts of the long recording of which these are some frames; None: they are all.
     """
-    markers, joints, skeleton = tracked.tracks, tracked.joint_tracks, recording.skeleton
+    markers, skeleton = tracked.tracks, recording.skeleton
     with stages.stage("joints and potentials"):
         seen_m = np.where(np.isfinite(recording.xyz_m[..., :1]), markers.xyz_m, np.nan)
         build = {"trunk": skeleton.trunk, "bones": skeleton.rigid}
         axes = whole_frames(recording).rotation
         joined = articulation(recording.names, seen_m, markers.sd_m, axes, **build)
         planar, spatial = (
-            joint_potentials(joints[frame], markers, skeleton) if joints else {} for frame in (FRAME, SPACE)
+            joint_potentials(tracked.joints_m(frame), frame, markers, skeleton) for frame in (FRAME, SPACE)
         )
     report = make_report(
         recording,

@@ -16,11 +16,10 @@ from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
 from mocap.io.output import result_file
 from mocap.io.unstated_unit import UNIT
-from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.model_file import load_model as read_model
 from mocap.pipeline.model_file import save_model
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.recording import Recording, as_recording
 from mocap.pipeline.tracking import marker_trial, seen_frames
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from mocap.cameras.origin import PixelOrigin, image_heights
+from mocap.cameras.origin import origin_alone
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
@@ -16,7 +16,6 @@ from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.kinematics.points import asked_for
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
@@ -41,24 +40,16 @@ def undistorted_alone(source: Recording) -> Recording:
     for name, wanted in asked.items():
         if wanted:
             raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out, or give a `profile`")
-    cameras, told = source.cameras, source.told
-    usual = source.usual_origin
-    corner = source.pixel_origin or usual or source.calibration_origin or "upper-left"
-    calibrated = source.calibration_origin or corner
-    height = source.image_height_px or image_heights(cameras)[0]
-    if source.pixel_origin is None and usual is None and any(camera.lens is not None for camera in cameras):
-        told += (sentences.unknown_corner(corner),)
-    decision = PixelOrigin(
-        pixels=corner,
-        coefficients=calibrated,
-        stated=source.pixel_origin is not None,
-        matters=False,
-        height_px=height,
-        residual_px=np.nan,
-        next_px=np.inf,
+    rows = origin_alone(
+        source.cameras,
+        origin=source.pixel_origin,
+        coefficients=source.calibration_origin,
+        height_px=source.image_height_px,
+        usual=source.usual_origin,
     )
-    ideal = decision.ideal(cameras, source.data["pixels"].values)
-    return replace(source.having(ideal=ideal), rows=decision, told=told)
+    film = replace(source.having(ideal=rows.ideal(source.cameras, source.data["pixels"].values)), rows=rows)
+    known = source.pixel_origin or source.usual_origin or all(camera.lens is None for camera in source.cameras)
+    return film if known else replace(film, told=(*film.told, sentences.unknown_corner(rows.pixels)))
 
 
 def track_one_camera(
@@ -103,9 +94,12 @@ def track_one_camera(
     prior = learn_prior(trials, trunk)
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
     views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
-    asked = asked_for(names, skeleton, n_frames=len(t_s))
     found = track_views(
-        prior, views, doubt=partial(left_out, prior, trials, trunk), asked=asked_of(own, asked), progress=progress
+        prior,
+        views,
+        doubt=partial(left_out, prior, trials, trunk),
+        asked=asked_of(own, source.asked),
+        progress=progress,
     )
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
     found = replace(found, estimate=replace(found.estimate, xyz_m=believed))
@@ -139,6 +133,7 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
         ray_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
         most_speed=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
+        repaired=2 * film.edited.astype(np.int8),
     )
     told = sentences.one_camera(
         other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose

@@ -1,6 +1,6 @@
 """The empirical potential of each joint, in the plane of its limb."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ from eal import Choice, choose, fit_potential
 from eal.arrays import Array, short_repr
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
-from mocap.records import JointTracks, MarkerTracks, Status
+from mocap.records import MarkerTracks, Status
 from mocap.sides import words
 from mocap.skeleton import Skeleton
 
@@ -91,7 +91,12 @@ class JointPotential:
 
 
 def joint_potentials(
-    tracks: JointTracks, markers: MarkerTracks, skeleton: Skeleton, *, trials: Sequence[int] | None = None
+    joints_m: Mapping[str, Array],
+    frame: str,
+    markers: MarkerTracks,
+    skeleton: Skeleton,
+    *,
+    trials: Sequence[int] | None = None,
 ) -> dict[str, JointPotential]:
     """Learn V_z of every joint from the frames in which its three markers were measured.
 
@@ -100,7 +105,8 @@ def joint_potentials(
     what a smoother estimates: their standard deviations are no noise that could be taken out (``eal.fit_potential``).
 
     Args:
-        tracks: Joints in one frame of reference, in two or three dimensions.
+        joints_m: (T, d) coordinates of each joint, in two or three dimensions.
+        frame: Their frame of reference.
         markers: Tracked markers; filled samples are not learned from.
         skeleton: Joints.
         trials: (T,) trial of each frame, where there are several; they are left out one at a time.
@@ -109,27 +115,26 @@ def joint_potentials(
         Potentials by joint; joints with fewer than ``FEWEST`` samples are left out.
     """
     out = {}
-    for name, ok, q_m in _measured(tracks, markers, skeleton):
+    for name, ok, q_m in _measured(joints_m, markers, skeleton):
         if ok.sum() >= FEWEST:
             some = np.flatnonzero(ok)[np.linspace(0, ok.sum() - 1, min(ok.sum(), MOST)).astype(int)]
-            out[name] = _potential(name, tracks.frame, q_m[some], [] if trials is None else [trials[i] for i in some])
+            out[name] = _potential(name, frame, q_m[some], [] if trials is None else [trials[i] for i in some])
     return out
 
 
-def joint_samples(tracks: JointTracks, markers: MarkerTracks, skeleton: Skeleton) -> dict[str, Array]:
+def joint_samples(joints_m: Mapping[str, Array], markers: MarkerTracks, skeleton: Skeleton) -> dict[str, Array]:
     """(N, d) samples of each joint in metres: frames in which its three markers were measured."""
-    return {name: q_m[ok] for name, ok, q_m in _measured(tracks, markers, skeleton)}
+    return {name: q_m[ok] for name, ok, q_m in _measured(joints_m, markers, skeleton)}
 
 
 def _measured(
-    tracks: JointTracks, markers: MarkerTracks, skeleton: Skeleton
+    joints_m: Mapping[str, Array], markers: MarkerTracks, skeleton: Skeleton
 ) -> Iterator[tuple[str, NDArray[np.bool_], Array]]:
     """Of each joint: its name, in which frames its markers were measured, and its (T, d) coordinates."""
     measured = dict(zip(markers.names, (markers.status == Status.MEASURED).T, strict=True))
-    for joint in (j for j in skeleton.joints if j.name in tracks.names):
-        i = tracks.names.index(joint.name)
+    for joint in (j for j in skeleton.joints if j.name in joints_m):
         ok = measured[joint.parent] & measured[joint.centre] & measured[joint.child]
-        yield joint.name, ok & np.isfinite(tracks.q_m[:, i, 0]), tracks.q_m[:, i]
+        yield joint.name, ok & np.isfinite(joints_m[joint.name][:, 0]), joints_m[joint.name]
 
 
 def settings(samples_m: Array, trials: Sequence[str | int]) -> tuple[float, Choice]:

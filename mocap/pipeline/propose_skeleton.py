@@ -19,10 +19,9 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
 from mocap.io.together import point_names
 from mocap.measures import JointAxes, Places
-from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.propose_measures import proposed_measures
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.recording import Recording, as_recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names, number_of

@@ -27,8 +27,7 @@ from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
 from mocap.pipeline.edits import edited, read_edits
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.variables import dataset_of
+from mocap.pipeline.recording import Recording, dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.skeleton import Skeleton, is_model, read_skeleton
 from mocap.text import OTHER_OPTIONS, as_text, with_options

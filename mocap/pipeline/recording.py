@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from os import PathLike
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import xarray as xr
@@ -23,27 +24,71 @@ from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 from mocap.cleaning.swaps import Swap
 from mocap.errors import MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
-from mocap.filters.records import HeldLimb
-from mocap.filters.velocities import Motion
+from mocap.filters.records import Limb
+from mocap.filters.velocities import Asked, Motion
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
 from mocap.io.movies import Movie
 from mocap.kinematics.compute import kinematics
+from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.variables import (
-    VARIABLES,
-    Values,
-    angles_of_data,
-    dataset,
-    joints_of_data,
-    limbs_of_data,
-    motion_of_data,
-    with_reasons,
-    with_variables,
-)
-from mocap.records import JointAngles, JointTracks, MarkerTracks, PixelTracks, Plane
+from mocap.pipeline.variables import VARIABLES, Values
+from mocap.records import MarkerTracks, PixelTracks, Plane
 from mocap.skeleton import Skeleton
+
+AXES = {"pixel": ["u", "v"], "space": ["x", "y", "z"], "space_to": ["x", "y", "z"]}
+
+
+MOTION = {
+    "point_position": "xyz_m",
+    "velocity": "velocity_m_s",
+    "point_covariance": "own",
+    "pairs": "pairs",
+    "pair_covariance": "cross",
+    "velocity_change": "kept",
+    "measured": "measured",
+}
+"""Variables of the fields of ``Motion``."""
+TOGETHER = {"point": ("pair",), "angle": ("energy",), "limb": ("x", "y", "sample")}
+"""Dimensions that are renewed with another one."""
+
+
+def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequence[str]) -> xr.Dataset:
+    """The Dataset with some variables, new or in place of others, read-only.
+
+    Args:
+        data: The Dataset.
+        values: Arrays by their names in ``VARIABLES``, in its order of dimensions.
+        **names: Entries along some dimensions, in place of others, and of all variables that had these dimensions.
+
+    Raises:
+        KeyError: there is no such variable.
+        ValueError: an array has another shape than the Dataset's dimensions.
+    """
+    gone = {dim for name in names for dim in (name, *TOGETHER.get(name, ())) if dim in data.dims}
+    data = data.drop_dims(gone).assign_coords({dim: np.array(of, dtype=object) for dim, of in names.items()})
+    made = {}
+    for name, array in values.items():
+        told = VARIABLES[name]
+        frozen = np.asarray(array).view()
+        frozen.setflags(write=False)
+        made[name] = (told.dims, frozen, {"units": told.unit} if told.unit else {})
+    axes = {axis for name in values for axis in VARIABLES[name].dims if axis in AXES and axis not in data.coords}
+    return data.assign_coords({axis: AXES[axis] for axis in axes}).assign(made)
+
+
+def limb_variables(limbs: Mapping[str, Limb]) -> dict[str, Values]:
+    """Potentials that held limbs, as variables; of the map and of pulls in single precision."""
+    most = max(len(limb["samples"]) for limb in limbs.values())
+    values: dict[str, Values] = {}
+    for name, one in VARIABLES.items():
+        if "limb" in one.dims:
+            parts = [limb[name.removeprefix("limb_")] for limb in limbs.values()]
+            if "sample" in one.dims:
+                parts = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=np.nan) for part in parts]
+            values[name] = np.stack(parts, axis=one.dims.index("limb"))
+    return {**values, **{name: values[name].astype(np.float32) for name in ("limb_value", "limb_pull")}}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -380,22 +425,40 @@ class Recording:
     @cached_property
     def motion(self) -> Motion:
         """Markers, the body and the centre of mass, with velocities and joint covariances."""
-        return motion_of_data(self.data)
+        parts = {of: self.data[name].values for name, of in MOTION.items()}
+        return Motion(names=tuple(self.data["point"].values.tolist()), t_s=self.t_s, **parts)
 
-    @cached_property
-    def joint_tracks(self) -> dict[str, JointTracks]:
-        """Joints by frame of reference (``mocap.joints``)."""
-        return joints_of_data(self.data)
-
-    @property
-    def angles(self) -> JointAngles | None:
-        """Joint angles that were the filter's state; None: they were not."""
-        return angles_of_data(self.data)
+    def with_motion(self, motion: Motion) -> "Recording":
+        """The same with these points, their velocities and covariances, in place of others."""
+        return self.having({"point": motion.names}, **{name: getattr(motion, of) for name, of in MOTION.items()})
 
     @property
-    def limbs(self) -> tuple[HeldLimb, ...]:
-        """Potentials of limbs that held the pose."""
-        return limbs_of_data(self.data)
+    def angles(self) -> xr.Dataset | None:
+        """Joint angles that were the filter's state, lengths of segments, energies; None: they were not."""
+        own = [name for name, one in VARIABLES.items() if {"angle", "segment", "energy"} & set(one.dims)]
+        return self.data[[name for name in own if name in self.data]] if "angle_rad" in self.data else None
+
+    def joints_m(self, frame: str) -> dict[str, Array]:
+        """(T, d) coordinates of each joint in a frame of reference (``mocap.joints``); empty where none are known."""
+        if f"joint_{frame}" not in self.data:
+            return {}
+        coordinates = np.moveaxis(self.data[f"joint_{frame}"].values, 1, 0)
+        return dict(zip(self.data["joint"].values.tolist(), coordinates, strict=True))
+
+    @property
+    def limbs(self) -> dict[str, Limb]:
+        """What potentials said of limbs that they held: the variables ``limb_...`` of each, of its own samples.
+
+        ``marker`` is (J,) its markers along the limb, ``pull`` (T, J, 3) on these.
+        """
+        out = {}
+        for i, name in enumerate(self.data["limb"].values.tolist() if "limb" in self.data.coords else ()):
+            own = [of for of, one in VARIABLES.items() if "limb" in one.dims]
+            limb = {of.removeprefix("limb_"): self.data[of].isel(limb=i).values for of in own}
+            index = np.argsort(limb["marker"], kind="stable")[int((limb["marker"] < 0).sum()) :]
+            samples = limb["samples"][np.isfinite(limb["samples"][:, 0])]
+            out[name] = {**limb, "samples": samples, "marker": index, "pull": limb["pull"][:, index]}
+        return out
 
     @property
     def edited(self) -> NDArray[np.bool_]:
@@ -410,15 +473,32 @@ class Recording:
         none = np.zeros((sizes.get("view", 0), sizes["time"], sizes["keypoint"]), dtype=bool)
         return self.data["by_hand"].values if "by_hand" in self.data else none
 
-    def having(self, *, rejected: Mapping[str, NDArray[np.bool_]] | None = None, **values: Values) -> "Recording":
+    @cached_property
+    def asked(self) -> Asked:
+        """The points and pairs of points whose velocities and covariances its kinematics need."""
+        return asked_for(self.names, self.skeleton, n_frames=len(self.t_s))
+
+    def having(
+        self,
+        names: Mapping[str, Sequence[str]] | None = None,
+        /,
+        *,
+        rejected: Mapping[str, NDArray[np.bool_]] | None = None,
+        **values: Values,
+    ) -> "Recording":
         """The same with some variables, new or in place of others (``mocap.pipeline.variables``).
 
         Args:
+            names: Entries along some dimensions, in place of others, and of all variables that had these dimensions.
             rejected: Masks (T, M) by reason, in place of all others; None: as they are.
             **values: Arrays by the names of their variables.
         """
-        data = with_variables(self.data, values)
-        return replace(self, data=data if rejected is None else with_reasons(data, rejected))
+        names = dict(names or {})
+        if rejected is not None:
+            shape = (len(rejected), self.data.sizes["time"], self.data.sizes["keypoint"])
+            values["rejected"] = np.array(list(rejected.values()), dtype=bool).reshape(shape)
+            names["reason"] = list(rejected)
+        return replace(self, data=with_variables(self.data, values, **names))
 
     def at(self, frames: slice) -> "Recording":
         """Some of its frames."""
@@ -509,6 +589,59 @@ class Recording:
         return f"<table><caption>{escape(self.name)}</caption>{''.join(cells)}</table>"
 
 
+def dataset(
+    names: Sequence[str],
+    t_s: Values,
+    *,
+    pixels: PixelTracks | None = None,
+    points: MarkerTracks | None = None,
+    score: Values | None = None,
+    frames: NDArray[np.int64] | None = None,
+    **attrs: str | float,
+) -> xr.Dataset:
+    """A new Dataset of pixels or positions.
+
+    Args:
+        names: The M markers.
+        t_s: (T,) times in seconds.
+        pixels: Of C cameras.
+        points: Positions; left out where there are pixels, which give them.
+        score: (C, T, M) of pixels or (T, M) of positions.
+        frames: (T,) numbers of the frames; None: from 1.
+        **attrs: ``fps``, ``space_unit``, ``format``.
+    """
+    coords = {
+        "time": ("time", t_s, {"units": "s"}),
+        "frame": ("time", 1 + np.arange(len(t_s)) if frames is None else frames),
+        "keypoint": np.array(names, dtype=object),
+    }
+    values: dict[str, Values] = {}
+    if pixels is not None:
+        coords["view"] = np.array(pixels.cameras, dtype=object)
+        values = {"pixels": pixels.uv_px}
+        values |= {} if score is None else {"likelihood": score}
+    elif points is not None:
+        values = {"position": points.xyz_m, "covariance": points.cov_m2, "status": points.status}
+        values |= {} if score is None else {"confidence": score}
+    return with_variables(xr.Dataset(coords=coords, attrs=attrs), values)
+
+
+def dataset_of(contents: FileContents) -> xr.Dataset:
+    """What files hold, as a Dataset: pixels, or positions where there are none."""
+    tracks = contents.points if contents.pixels is None else contents.pixels
+    return dataset(
+        contents.names,
+        np.zeros(0) if tracks is None else tracks.t_s,
+        pixels=contents.pixels,
+        points=contents.points,
+        score=contents.score,
+        frames=contents.frames if tracks is not None else None,
+        format=contents.format,
+        **({} if contents.fps is None else {"fps": contents.fps}),
+        **({} if contents.unit is None else {"space_unit": contents.unit}),
+    )
+
+
 def of_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str) -> Recording:
     """A recording of positions in metres that are in memory, named as the skeleton names them."""
     data = dataset(tracks.names, tracks.t_s, points=tracks, space_unit="m")
@@ -537,3 +670,20 @@ def of_pixels(
     known = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
     data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
     return Recording(name=name, data=data, skeleton=known, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
+
+
+def as_recording(given: Any, verb: str) -> Recording:
+    """What a verb takes.
+
+    Raises:
+        MocapError: it is no recording; the message says how to make one of what came.
+    """
+    if isinstance(given, Recording):
+        return given
+    if isinstance(given, str | PathLike):
+        how = f"read the file first: mocap.{verb}(mocap.read({str(given)!r}, ...))"
+    elif type(given).__name__ in ("ndarray", "DataFrame", "Dataset", "DataArray"):
+        how = f"make one of it first: mocap.{verb}(mocap.from_arrays(...))"
+    else:
+        how = "mocap.read and mocap.from_arrays give one"
+    raise MocapError(f"mocap.{verb} takes a recording, not {type(given).__name__}: {how}")

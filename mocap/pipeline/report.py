@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from eal.arrays import Array
 from eal.potential import USUAL_LAMBDA, USUAL_WIDTH
-from mocap.cameras.camera import project
+from mocap.cameras.triangulate import project
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined

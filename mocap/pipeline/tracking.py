@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.over_time import at_frames
-from mocap.cameras.camera import project
+from mocap.cameras.triangulate import project
 from mocap.cleaning.bias import lasting_share
-from mocap.cleaning.swaps import exchanged_samples
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
@@ -23,11 +21,10 @@ from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked, Motion, without_rates
-from mocap.joints import joint_tracks
-from mocap.kinematics.points import asked_for
-from mocap.pipeline.recording import Recording, of_points
+from mocap.joints import joint_variables
+from mocap.pipeline.recording import Recording, limb_variables, of_points
 from mocap.pipeline.sentences import TOGETHER
-from mocap.pipeline.variables import with_joints, with_limbs, with_motion, with_variables
+from mocap.pipeline.variables import VARIABLES, Values
 from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
@@ -150,13 +147,20 @@ def with_track(
     n_frames, n_markers = recording.xyz_m.shape[:2]
     n_cameras = recording.uv_px.shape[0]
     frames, markers = recording.place(part)
-    inside = np.ix_(np.arange(n_frames)[frames], markers)
-    xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
-    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + lasting_cov(recording)[inside]
+
+    def spread(name: str, values: Values) -> Values:
+        """A variable of the part as one of the recording."""
+        dims, least = VARIABLES[name].dims, VARIABLES[name].entry.get("least", 0)
+        sizes = [{"time": n_frames, "keypoint": n_markers}.get(d, n) for d, n in zip(dims, values.shape, strict=True)]
+        out = np.full(sizes, np.nan if values.dtype.kind == "f" else least, dtype=values.dtype)
+        out[tuple({"time": frames, "keypoint": markers}.get(dim, slice(None)) for dim in dims)] = values
+        return out
+
+    xyz, cov = spread("position", smoothed.xyz_m), spread("covariance", smoothed.cov_m2) + lasting_cov(recording)
     used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
-    believed[inside] = smoothed.believed
+    believed[frames][:, markers] = smoothed.believed
     for frame, seen in enumerate(smoothed.observed, start=frames.start):
         rays = seen.where[:, 0] >= WHOLE  # not what other markers of a body say
         camera, marker = seen.where[rays, 0], markers[seen.where[rays, 1]]
@@ -173,45 +177,44 @@ def with_track(
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
     xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Status.MISSING
-    nis, likelihood, rows_used = np.full(n_frames, np.nan), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
-    nis[frames] = [seen.nis for seen in smoothed.observed]
-    rows_used[frames] = [seen.n_rows for seen in smoothed.observed]
+    rays, likelihood = {}, np.zeros(n_frames)
     likelihood[frames] = smoothed.log_likelihood
-    rays = {}
     if recording.cameras:
         rays = {"innovation": innovation, "used": used, "reprojected": project(recording.matrices, xyz)}
-    exchanged = np.any(list(exchanged_samples((n_frames, n_markers), recording.swaps).values()), axis=0)
     found = recording.having(
         position=xyz,
         covariance=cov,
         status=origin,
-        nis=nis,
-        n_rows=rows_used,
+        nis=spread("nis", np.array([seen.nis for seen in smoothed.observed], dtype=float)),
+        n_rows=spread("n_rows", np.array([seen.n_rows for seen in smoothed.observed], dtype=np.int64)),
         log_likelihood=likelihood,
-        repaired=np.where(recording.edited, 2, exchanged).astype(np.int8),
         **rays,
     )
-    asked = asked_for(recording.names, recording.skeleton, n_frames=n_frames)
     left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
-    motion = motion_of(found.tracks, frames, smoothed.rates, asked, left_m_s=left)
+    motion = motion_of(found.tracks, frames, smoothed.rates, recording.asked, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
-    data = with_motion(found.data, motion).assign_attrs(model=name, y_up=int(y_up))
-    if recording.skeleton.joints:
-        data = with_joints(data, joint_tracks(found.tracks, recording.skeleton, whole_frames(recording)))
-    index = np.arange(n_frames) - frames.start
-    index[(index < 0) | (index >= len(part.t_s))] = -1
-    data = with_limbs(data, [at_frames(limb, index) for limb in smoothed.held])
+    found = _with_joints(found.with_motion(motion), whole_frames(recording))
+    found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(y_up)))
+    if smoothed.limbs:
+        limbs: dict[str, Any] = {name: spread(name, of) for name, of in limb_variables(smoothed.limbs).items()}
+        found = found.having({"limb": list(smoothed.limbs)}, **limbs)
     if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
-        return replace(found, data=data)
+        return found
     angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
     angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
-    values = {name: np.full((n_frames, of.shape[1]), np.nan) for name, of in angles.items()}
-    for name, of in angles.items():
-        values[name][frames] = of
+    values: dict[str, Any] = {name: spread(name, of) for name, of in angles.items()}
     values |= {"segment_length": own.motion.length_m, "segment_length_sd": own.motion.length_sd_m}
     ends = [(part.names[int(a)], part.names[int(b)]) for a, b in own.motion.ends]
     names = angle_names(ends, np.bincount(own.motion.tree.joint, minlength=len(ends)).tolist())
-    return replace(found, data=with_variables(data, values, angle=names, segment=[f"{a} to {b}" for a, b in ends]))
+    return found.having({"angle": names, "segment": [f"{a} to {b}" for a, b in ends]}, **values)
+
+
+def _with_joints(recording: Recording, frames: BodyFrames) -> Recording:
+    """The recording with its joints, where its skeleton has some."""
+    if not recording.skeleton.joints:
+        return recording
+    values: dict[str, Any] = joint_variables(recording.tracks, recording.skeleton, frames)
+    return recording.having({"joint": [joint.name for joint in recording.skeleton.joints]}, **values)
 
 
 def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: str) -> Recording:
@@ -224,8 +227,8 @@ def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: st
         repaired=np.zeros(markers.status.shape, dtype=np.int8),
     )
     axes = BodyFrames(rotation=np.repeat(np.eye(3)[None], n_frames, axis=0), position_m=np.zeros((n_frames, 3)))
-    joints = joint_tracks(markers, skeleton, whole_frames(found) if markers.seen.any() else axes)
-    return replace(found, data=with_joints(with_motion(found.data, still(markers)), joints).assign_attrs(model=model))
+    found = _with_joints(found.with_motion(still(markers)), whole_frames(found) if markers.seen.any() else axes)
+    return replace(found, data=found.data.assign_attrs(model=model))
 
 
 def still(markers: MarkerTracks) -> Motion:

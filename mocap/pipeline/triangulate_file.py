@@ -11,7 +11,7 @@ from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
 from mocap.pipeline import sentences
-from mocap.pipeline.cleaning import audit_points, by_pixels, with_ideal_pixels
+from mocap.pipeline.cleaning import audit_points, with_ideal_pixels
 from mocap.pipeline.recording import Recording
 from mocap.records import marker_tracks
 
@@ -70,11 +70,10 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     film = with_ideal_pixels(source, iterations=None if refine else 3)
     assert film.rows is not None  # it was decided
     if refine:
-        shown, gate = by_pixels(film)
-        found = triangulate.robust(film.matrices, film.ideal_px, sd_px=gate)
+        found = triangulate.robust(film.matrices, film.ideal_px, least_px=source.pixel_sd)
         xyz, residual = found.xyz_m, found.residual_px
         cov = found.cov_m2 * ((source.pixel_sd or found.sd_px) / found.sd_px) ** 2
-        contradicted = sentences.contradiction(source.pixel_sd, low_px=shown, high_px=shown)
+        contradicted = sentences.contradiction(source.pixel_sd, low_px=found.shown_px, high_px=found.shown_px)
     else:
         xyz, residual = linear_in_blocks(film.matrices, film.ideal_px)
         contradicted, cov = [], None

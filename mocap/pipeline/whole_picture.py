@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.origin import PixelCorner
+from mocap.cameras.triangulate import median_miss
 from mocap.errors import FormatError, MocapError
 from mocap.io.contents import FileContents
 from mocap.io.crop import crops_beside, crops_of, matched
@@ -96,20 +96,13 @@ def in_whole_picture(
     if pixel_origin == "lower-left":
         raise MocapError(f"{where}: crop offsets are of the upper left corner: `origin` must be upper-left")
     shifted = replace(pixels, uv_px=_added(contents, pixels, offsets))
-    before, after = (_typical_residual(cameras, some.uv_px) for some in (pixels, shifted))
+    before, after = (median_miss(stacked(cameras), undistorted(cameras, some.uv_px)) for some in (pixels, shifted))
     result = f"the median triangulation residual is {after:.2f} px with them, {before:.2f} px without"
     if beside and not after < before:
         return contents, (f"crop offsets beside the tracks ({where}) were not added: {result}",)
     moving = sum(len(offset) > 1 for offset in offsets)
     how = "a window that moves" if moving else "constant"
     return replace(contents, pixels=shifted), (f"crop offsets ({where}; {how}) were added to the pixels: {result}",)
-
-
-def _typical_residual(cameras: Sequence[Camera], uv_px: Array) -> float:
-    """Median triangulation residual, rows counted from the upper left; inf where no point is seen twice."""
-    ideal = undistorted(cameras, uv_px)
-    residual = triangulate.residual_px(stacked(cameras), ideal, triangulate.linear(stacked(cameras), ideal))
-    return float(np.nanmedian(residual)) if np.isfinite(residual).any() else np.inf
 
 
 def _added(contents: FileContents, pixels: PixelTracks, offsets: Sequence[Array]) -> Array:

@@ -17,7 +17,7 @@ from mocap.datasets.lizards import make_lizard
 from mocap.datasets.pendulums import make_pendulum_film
 from mocap.datasets.recording import SyntheticRecording
 from mocap.filters.body_axes import body_frames
-from mocap.joints import joint_tracks
+from mocap.joints import joint_variables
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import Recording, of_pixels
 from mocap.records import marker_tracks
@@ -214,8 +214,8 @@ def _stand(recording: SyntheticRecording, *, polar: bool) -> Seen:
     trunk = [names.index(m) for m in recording.skeleton.trunk]
     frames = body_frames(prepared.xyz_m[:, trunk], dt_s=prepared.dt_s, cutoff_hz=STEADY_HZ, turns=False)
     tracks = marker_tracks(names, prepared.t_s, prepared.xyz_m, cov_m2=prepared.cov_m2)
-    found = joint_tracks(tracks, recording.skeleton, frames)
-    body, plane = found["body"].q_m[:, 0], found["plane"].q_m[:, 0]
+    found = joint_variables(tracks, recording.skeleton, frames)
+    body, plane = found["joint_body"][:, 0], found["joint_plane"][:, 0]
     pivot = names.index("pivot")
     seen = np.isfinite(prepared.xyz_m[:, pivot, 0])
     centre = np.broadcast_to(np.mean(prepared.xyz_m[seen, pivot], axis=0), (n_frames, 3))
@@ -251,7 +251,7 @@ def _limb(recording: SyntheticRecording) -> Seen:
     trunk = [names.index(m) for m in recording.skeleton.trunk]
     frames = body_frames(prepared.xyz_m[:, trunk], dt_s=prepared.dt_s, cutoff_hz=STEADY_HZ)
     tracks = marker_tracks(names, prepared.t_s, prepared.xyz_m, cov_m2=prepared.cov_m2)
-    found = joint_tracks(tracks, recording.skeleton, frames)["body"]
+    q_m = joint_variables(tracks, recording.skeleton, frames)["joint_body"]
     joint = next(i for i, j in enumerate(recording.skeleton.joints) if j.centre == "elbow_l")
     elbow, hand = names.index("elbow_l"), names.index("wrist_l")
     truth = recording.truth.xyz_m[:, hand] - recording.truth.xyz_m[:, elbow]
@@ -263,7 +263,7 @@ def _limb(recording: SyntheticRecording) -> Seen:
         frames.rotation,
         lambda at: at[:, None],
     )
-    return Seen(sights=sights, q=found.q_m[:, joint], truth=np.einsum("tji,tj->ti", frames.rotation, truth))
+    return Seen(sights=sights, q=q_m[:, joint], truth=np.einsum("tji,tj->ti", frames.rotation, truth))
 
 
 def _scaled(seen: Seen, scale_m: float) -> Seen:

@@ -9,7 +9,6 @@ from scipy.ndimage import map_coordinates
 from eal.arrays import Array
 from eal.bounds import theorem3
 from mocap.pipeline.potentials import JointPotential
-from mocap.records import JointTracks
 
 GRID, CUBES = 80, 20
 """Points along an edge of a grid over the plane, cubes along the longest edge of one in space."""
@@ -117,22 +116,15 @@ class Landscape:
         return [np.asarray(line, dtype=np.float64) for line in lines]
 
 
-def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
+def landscape(joint: JointPotential, t_s: Array, path_m: Array) -> Landscape:
     """Sample the potential of a joint round its samples.
 
     Args:
         joint: The potential and its samples.
-        tracks: Joint tracks in the potential's frame of reference; their first two coordinates are taken.
-
-    Raises:
-        ValueError: the tracks are of another frame or lack the joint.
+        t_s: (T,) times.
+        path_m: (T, d) the joint in the potential's frame of reference; the first two coordinates are taken.
     """
-    if tracks.frame != joint.frame or joint.joint not in tracks.names:
-        raise ValueError(
-            f"the potential of joint {joint.joint!r} is in frame {joint.frame!r}, but the joint tracks are in frame "
-            f"{tracks.frame!r} and have {', '.join(tracks.names) or 'no joints'}"
-        )
-    path_m = tracks.q_m[:, tracks.names.index(joint.joint), :2]
+    path_m = path_m[:, :2]
     finite = np.isfinite(path_m).all(axis=1)
     points = joint.samples_m[np.isfinite(joint.samples_m).all(axis=1)]
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
@@ -152,7 +144,7 @@ def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
         samples_value=np.asarray(joint.potential.value(joint.samples_m / joint.scale_m)),
         path_mm=path_m * MM_PER_M,
         path_value=path_value,
-        energy=joint_energy(tracks.t_s, path_m * MM_PER_M, path_value),
+        energy=joint_energy(t_s, path_m * MM_PER_M, path_value),
         eigenvalues=joint.potential.eigenvalues,
         lam=joint.potential.sigma_lambda,
         effective_rank=joint.potential.effective_rank,
@@ -188,8 +180,8 @@ class Block:
         return self.cell_mm * max(self.value.shape)
 
 
-def block(joint: JointPotential, tracks: JointTracks) -> Block:
-    """Sample the potential of a joint round its samples; ``CUBES`` cubes along the longest edge."""
+def block(joint: JointPotential, path_m: Array) -> Block:
+    """Sample the potential of a joint that moved along (T, 3) round its samples; ``CUBES`` along the longest edge."""
     low, high = joint.samples_m.min(axis=0), joint.samples_m.max(axis=0)
     size = float((high - low).max()) * (1 + 2 * _MARGIN)
     cell = max(size, 1e-4) / CUBES
@@ -203,5 +195,5 @@ def block(joint: JointPotential, tracks: JointTracks) -> Block:
         cell_mm=cell * MM_PER_M,
         value=value,
         samples_mm=joint.samples_m * MM_PER_M,
-        path_mm=tracks.q_m[:, tracks.names.index(joint.joint)] * MM_PER_M,
+        path_mm=path_m * MM_PER_M,
     )

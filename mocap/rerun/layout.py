@@ -112,7 +112,5 @@ def frame_px(camera: ViewCamera, uv_px: Array) -> Box:
 
 def joint_frames(run: Recording) -> dict[str, str]:
     """The frame of reference in which each joint is shown: that of its potential, or else the most telling one."""
-    frames = [f for f in _FRAMES if f in run.joint_tracks] + sorted(set(run.joint_tracks) - set(_FRAMES))
-    names = dict.fromkeys(name for f in frames for name in run.joint_tracks[f].names)
-    first = {name: next(f for f in frames if name in run.joint_tracks[f].names) for name in names}
-    return {name: run.potentials[name].frame if name in run.potentials else first[name] for name in names}
+    first = next((frame for frame in _FRAMES if run.joints_m(frame)), "")
+    return {name: run.potentials[name].frame if name in run.potentials else first for name in run.joints_m(first)}

@@ -5,7 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.arrays import Array
-from mocap.filters.records import HeldLimb
+from mocap.filters.records import Limb
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import log_over_time, single, ui
@@ -22,73 +22,74 @@ REACH = 0.35
 
 def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     """Each limb's map with its state, and its pulls in the scene."""
-    t_s, names = run.t_s, run.names
-    for limb in layout.run.limbs:
+    t_s = run.t_s
+    for name, limb in layout.run.limbs.items():
         # the potential from above, and the state with its ellipse on it
-        path = f"{paths.child(paths.LIMBS, limb.name)}/map"
-        log_picture(rec, f"{path}/potential", limb.x, limb.y, limb.value)
+        path = f"{paths.child(paths.LIMBS, name)}/map"
+        log_picture(rec, f"{path}/potential", limb["x"], limb["y"], limb["value"])
         way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
-        log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
+        log_moving(rec, path, t_s, limb["samples"] * FLIP, limb["state"] * FLIP, **way)
         look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0)
-        finite = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
+        finite = np.isfinite(limb["state"]).all(axis=1) & np.isfinite(limb["covariance"]).all(axis=(1, 2))
         lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[finite] * FLIP)))
         log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=finite)
         log_line(
             rec,
-            f"{paths.child(paths.LIMBS, limb.name)}/series/value",
+            f"{paths.child(paths.LIMBS, name)}/series/value",
             t_s,
-            limb.at_state,
+            limb["at_state"],
             name="V_z",
             color=palette.ORANGE,
         )
-        at = run.xyz_m[:, [names.index(m) for m in limb.markers]]
-        _log_pull(rec, limb, t_s, layout.scene.points(at), layout.scene.points(limb.pull), layout.scene.radius_m)
+        at = run.xyz_m[:, limb["marker"]]
+        _log_pull(rec, name, t_s, layout.scene.points(at), layout.scene.points(limb["pull"]), layout.scene.radius_m)
 
 
-def limb_tab(layout: Layout, limb: HeldLimb) -> rrb.Container:
+def limb_tab(layout: Layout, name: str) -> rrb.Container:
     """A limb's map, its V_z over time, and its pulls on the body."""
     return rrb.Horizontal(
         rrb.Vertical(
-            map_view(layout, limb),
-            series_view(f"{paths.child(paths.LIMBS, limb.name)}/series", f"{limb.name}: V_z where the limb was"),
+            map_view(layout, name),
+            series_view(f"{paths.child(paths.LIMBS, name)}/series", f"{name}: V_z where the limb was"),
             row_shares=[3, 1],
         ),
-        pull_view(layout, limb),
-        name=f"Limb {limb.name}",
+        pull_view(layout, name),
+        name=f"Limb {name}",
     )
 
 
-def map_view(layout: Layout, limb: HeldLimb) -> rrb.View:
+def map_view(layout: Layout, name: str) -> rrb.View:
     """The potential in its two leading coordinates, from above."""
-    title = f"{limb.name}: V_z of the filter, state and {ELLIPSE_SD:g} sd"
-    return plane_view(f"{paths.child(paths.LIMBS, limb.name)}/map", title, limb.x, limb.y, layout.trail_frames)
+    title = f"{name}: V_z of the filter, state and {ELLIPSE_SD:g} sd"
+    limb = layout.run.limbs[name]
+    return plane_view(f"{paths.child(paths.LIMBS, name)}/map", title, limb["x"], limb["y"], layout.trail_frames)
 
 
-def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
+def pull_view(layout: Layout, name: str) -> rrb.View:
     """The body, and the potential's pull on each joint of the limb."""
     scene = layout.scene
     return world_view(
         paths.WORLD,
-        f"{limb.name}: pull of V_z on each joint (arrows)",
-        contents=[paths.SKELETON, f"{paths.MARKERS}/**", paths.child(paths.PULL, limb.name)],
+        f"{name}: pull of V_z on each joint (arrows)",
+        contents=[paths.SKELETON, f"{paths.MARKERS}/**", paths.child(paths.PULL, name)],
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=eye(scene.centre_m, 1.85 * scene.radius_m, scene.up),
         trail=(paths.TRAILS, layout.trail_frames),
     )
 
 
-def ellipses(limb: HeldLimb) -> Array:
+def ellipses(limb: Limb) -> Array:
     """(T, P, 2) outlines of ``ELLIPSE_SD`` standard deviations round the state; NaN where it is not known."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)
     circle = ELLIPSE_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    finite = np.asarray(np.isfinite(limb.cov).all(axis=(1, 2)))
-    value, vectors = np.linalg.eigh(np.where(finite[:, None, None], limb.cov, np.eye(2)))
+    finite = np.asarray(np.isfinite(limb["covariance"]).all(axis=(1, 2)))
+    value, vectors = np.linalg.eigh(np.where(finite[:, None, None], limb["covariance"], np.eye(2)))
     root = vectors * np.sqrt(np.maximum(value, 0.0))[:, None]
-    return np.where(finite[:, None, None], limb.state[:, None] + circle @ np.swapaxes(root, 1, 2), np.nan)
+    return np.where(finite[:, None, None], limb["state"][:, None] + circle @ np.swapaxes(root, 1, 2), np.nan)
 
 
-def _log_pull(rec: rr.RecordingStream, limb: HeldLimb, t_s: Array, at: Array, pull: Array, radius_m: float) -> None:
-    path = paths.child(paths.PULL, limb.name)
+def _log_pull(rec: rr.RecordingStream, name: str, t_s: Array, at: Array, pull: Array, radius_m: float) -> None:
+    path = paths.child(paths.PULL, name)
     length = np.linalg.norm(pull, axis=-1)
     finite = np.isfinite(at).all(axis=-1) & np.isfinite(length)
     strongest = float(np.quantile(length[finite], 0.99)) if finite.any() else 0.0

@@ -62,12 +62,12 @@ def make_layout(run: Recording) -> Layout:
     """All that is derived from a run before anything is written."""
     frames = joint_frames(run)
     landscapes = {
-        name: landscape(run.potentials[name], run.joint_tracks[frame])
+        name: landscape(run.potentials[name], run.t_s, run.joints_m(frame)[name])
         for name, frame in frames.items()
         if name in run.potentials
     }
     blocks = {
-        name: block(spatial, run.joint_tracks[spatial.frame])
+        name: block(spatial, run.joints_m(spatial.frame)[name])
         for name, spatial in run.spatial_potentials.items()
         if name in landscapes
     }

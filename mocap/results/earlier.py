@@ -8,16 +8,15 @@ import xarray as xr
 
 from mocap.documents import from_json
 from mocap.errors import FormatError
-from mocap.filters.records import HeldLimb
 from mocap.io.netcdf import read_netcdf
-from mocap.pipeline.variables import with_limbs
+from mocap.pipeline.recording import limb_variables, with_variables
 
 EARLIER, MOTION, FORMAT = "run.nc", "motion.nc", "eal-mocap run 2"
 _POINTS = {"position": "point_position", "covariance": "point_covariance", "two": "end"}
 _RAYS = {"reprojected_px": "reprojected", "innovation_px": "innovation", "ideal_px": "ideal", "uv": "pixel"}
 _ANGLES = {"angle_angle_rad": "angle_rad", "angle_energies": "energies", "energy_3": "energy"}
 _ANGLES |= {"angle_length_m": "segment_length", "angle_length_sd_m": "segment_length_sd"}
-_LIMB = ("x", "y", "value", "samples", "state", "cov", "at_state", "pull")
+_LIMB = {"covariance": "cov"} | {of: of for of in ("x", "y", "value", "samples", "state", "at_state")}
 
 
 def earlier_record(folder: Path, *, again: str) -> tuple[xr.Dataset, dict[str, Any]]:
@@ -40,14 +39,15 @@ def earlier_record(folder: Path, *, again: str) -> tuple[xr.Dataset, dict[str, A
 def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, points: xr.Dataset) -> xr.Dataset:
     for camera, matrix in zip(header["cameras"], rest["projection"].values if header["cameras"] else (), strict=True):
         camera["matrix"] = matrix.tolist()
-    limbs = [
-        HeldLimb(
-            name=limb["name"],
-            markers=tuple(limb["markers"]),
-            **{part: rest[f"limb_{i}_{part}"].values for part in _LIMB},
-        )
-        for i, limb in enumerate(header.get("limbs", []))
-    ]
+    limbs: dict[str, Any] = {}
+    for i, limb in enumerate(header.get("limbs", [])):
+        own, pulls = [*limb["markers"]], rest[f"limb_{i}_pull"].values
+        every = markers["keypoint"].values.tolist()
+        place, pull = np.full(len(every), -1), np.full((len(pulls), len(every), 3), np.nan)
+        index = [every.index(name) for name in own]
+        place[index], pull[:, index] = np.arange(len(own)), pulls
+        limbs[limb["name"]] = {of: rest[f"limb_{i}_{part}"].values for of, part in _LIMB.items()}
+        limbs[limb["name"]] |= {"marker": place, "pull": pull}
     one = markers.squeeze("individual", drop=True)
     names = {"keypoint": one["keypoint"].values, "view": [camera["name"] for camera in header["cameras"]]}
     if header.get("angles"):
@@ -70,4 +70,5 @@ def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, point
         if name not in ("time", "space"):
             data[name] = variable
     data = data.assign({name: data[name] == 1 for name in ("measured", "used")})
-    return with_limbs(data.set_coords([name for name in (*names, "point") if name in data.variables]), limbs)
+    data = data.set_coords([name for name in (*names, "point") if name in data.variables])
+    return with_variables(data, limb_variables(limbs), limb=list(limbs)) if limbs else data

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.camera import Camera, stacked
-from mocap.cameras.normal_equations import linearise
-from mocap.cameras.origin import flipped
+from mocap.cameras.camera import Camera, flipped, stacked
+from mocap.cameras.triangulate import linearise
 from mocap.errors import MocapError
 from mocap.io.contents import FileContents
 from mocap.io.registry import by_name, write

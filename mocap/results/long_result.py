@@ -22,7 +22,6 @@ from mocap.pipeline.job import reported
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import counts, together
 from mocap.pipeline.tracking import still
-from mocap.pipeline.variables import with_motion
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
 from mocap.records import Status
@@ -125,7 +124,7 @@ def write_in_blocks(
             tracked, cleaned = (_joined([pair[i] for pair in thin]) for i in (0, 1))
             cleaned = replace(cleaned, findings=told)
             data = tracked.data.assign_attrs(model=models.most_common(1)[0][0])
-            tracked = replace(tracked, data=with_motion(data, still(tracked.tracks)), findings=told)
+            tracked = replace(tracked, data=data, findings=told).with_motion(still(tracked.tracks))
             sums = {**sums, "blocks": {"frames": size, "every": every, "shown": len(tracked.t_s)}}
             sums["tracked"] = {"first": seen[0] + 1, "last": seen[-1]}
             tracked = reported(tracked, cleaned, why=why, scores=scores, stages=stages, whole=sums)

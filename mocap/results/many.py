@@ -32,6 +32,6 @@ def learn_joints(folders: Sequence[str | PathLike[str]]) -> dict[str, ManyTrials
 
     def trial(name: str) -> dict[str, Array]:
         run = read_recording(paths[name])
-        return joint_samples(run.joint_tracks[FRAME], run.tracks, run.skeleton)
+        return joint_samples(run.joints_m(FRAME), run.tracks, run.skeleton)
 
     return learn(list(paths), trial)

@@ -18,8 +18,8 @@ from mocap.findings import Finding
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.joints import FRAMES
 from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.variables import SIZES, VARIABLES, entry_of, with_variables
+from mocap.pipeline.recording import Recording, with_variables
+from mocap.pipeline.variables import SIZES, VARIABLES, entry_of
 from mocap.results.dataset import markers_dataset
 from mocap.results.earlier import EARLIER, earlier_record
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables

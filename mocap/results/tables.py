@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from mocap.io.csv_table import as_cells, decimals_of
 from mocap.io.netcdf import as_netcdf
 from mocap.io.tables import origin_words
+from mocap.joints import FRAMES
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
@@ -24,14 +26,17 @@ from mocap.results.stored import write_arrays
 if TYPE_CHECKING:
     import pandas as pd
 
+ENERGIES = ("energy_j", "v_z", "v_z_bound")
+"""Columns of a Lagrangian."""
+
 
 def write_run(run: Recording, folder: Path, *, write_recording: Callable[[Recording, Path], None] | None) -> None:
     """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``."""
     write_arrays(run, folder)
     write_markers(run.tracks, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
-    if (angles := run.angles) is not None:
-        table = angles.to_frame(run.t_s)
+    if run.angles is not None:
+        table = angle_table(run.angles)
         table.to_csv(folder / "joint_angles.csv", index=False, float_format="%.6g", lineterminator="\n")
     write_report(run, folder)
     if write_recording is not None:
@@ -83,13 +88,25 @@ def write_joints(run: Recording, path: Path) -> None:
     """A row a frame: ``frame``, ``t_s``, then ``<joint>_<frame>_x, _y[, _z]`` and ``<joint>_sd`` in metres."""
     columns = {}
     for i, joint in enumerate(j.name for j in run.skeleton.joints):
-        sd = run.joint_tracks["world"].sd_m[:, i]
-        for frame, tracks in run.joint_tracks.items():
-            columns |= {
-                f"{joint}_{frame}_{'xyz'[k]}": column_text(tracks.q_m[:, i, k], sd) for k in range(tracks.q_m.shape[2])
-            }
+        sd = run.data["joint_sd"].values[:, i]
+        for frame in FRAMES:
+            values = zip("xyz", run.joints_m(frame)[joint].T, strict=False)
+            columns |= {f"{joint}_{frame}_{axis}": column_text(one, sd) for axis, one in values}
         columns[f"{joint}_sd"] = column_text(sd, sd)
     write_columns(path, run.t_s, columns)
+
+
+def angle_table(angles: xr.Dataset) -> "pd.DataFrame":
+    """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_deg`` and ``<name>_deg_sd``; then energies."""
+    import pandas as pd  # a quarter of a second, which a description of a table does without
+
+    table = {"frame": np.arange(1, angles.sizes["time"] + 1), "t_s": angles["time"].values}
+    for i, name in enumerate(angles["angle"].values):
+        of = {f"{name}_deg": "angle_rad", f"{name}_deg_sd": "angle_sd_rad"}
+        table |= {title: np.degrees(angles[one].values[:, i]) for title, one in of.items()}
+    if "energies" in angles:
+        table |= dict(zip(ENERGIES, angles["energies"].values.T, strict=True))
+    return pd.DataFrame(table)
 
 
 def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics") -> None:

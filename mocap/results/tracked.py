@@ -17,18 +17,16 @@ from mocap.errors import MocapError
 from mocap.filters.velocities import with_means
 from mocap.io.movies import Movie
 from mocap.io.output import result_file, result_folder
+from mocap.joints import FRAMES
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
 from mocap.kinematics.moments import moments
-from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.measures import JointAxes
-from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.variables import with_motion
+from mocap.pipeline.recording import Recording, as_recording
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
@@ -122,8 +120,9 @@ class Tracked(Recording):
 
     @cached_property
     def joints(self) -> Mapping[str, Joint]:
-        """The joints of the skeleton; none where no skeleton was given."""
-        return {joint.name: self._joint(joint.name) for joint in self.skeleton.joints}
+        """The joints of the skeleton that were tracked; none where no skeleton was given."""
+        tracked = self.data["joint"].values.tolist() if "joint" in self.data.coords else []
+        return {joint.name: self._joint(joint.name) for joint in self.skeleton.joints if joint.name in tracked}
 
     @cached_property
     def moments(self) -> Kinematics:
@@ -139,16 +138,16 @@ class Tracked(Recording):
         return moments(self.motion, self.skeleton, steps=self.footfalls, recording=self.name)
 
     def _joint(self, name: str) -> Joint:
-        markers, world = self.tracks, next(iter(self.joint_tracks.values()))
-        i = world.names.index(name)
+        markers = self.tracks
+        q_m = {frame: of[name] for frame in FRAMES if (of := self.joints_m(frame))}
         joint = next(j for j in self.skeleton.joints if j.name == name)
+        there = np.isfinite(next(iter(q_m.values()))[:, 0])
         three = [markers.names.index(m) for m in (joint.parent, joint.centre, joint.child)]
-        there = np.isfinite(world.q_m[:, i, 0])
         return Joint(
             name=name,
-            t_s=world.t_s,
-            q_m={frame: tracks.q_m[:, i] for frame, tracks in self.joint_tracks.items()},
-            sd_m=world.sd_m[:, i],
+            t_s=self.t_s,
+            q_m=q_m,
+            sd_m=self.data["joint_sd"].sel(joint=name).values,
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
@@ -322,8 +321,8 @@ class Tracked(Recording):
             SkeletonError: it uses a marker that the recording lacks.
         """
         checked = skeleton.for_markers(self.names, source=self.name)
-        asked = asked_for(self.names, checked, n_frames=len(self.t_s))
-        return replace(self, skeleton=checked, data=with_motion(self.data, with_means(self.motion, asked)))
+        found = replace(self, skeleton=checked)
+        return Tracked.of(found.with_motion(with_means(self.motion, found.asked)))
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""

@@ -185,16 +185,19 @@ def test_angles_are_written_and_read(tmp_path, model):
     run, _ = run_job(clean(of_points(tracks, SKELETON, name="arm")), model=model, validated=False)
     assert run.report["model"]["name"] == model
     assert run.angles is not None
-    assert run.angles.segments == ("shoulder to elbow", "elbow to wrist", "wrist to tip")
+    assert run.angles["segment"].values.tolist() == ["shoulder to elbow", "elbow to wrist", "wrist to tip"]
     write_run(run, tmp_path, write_recording=None)
     (tmp_path / "skeleton.toml").write_text(skeleton_text(SKELETON), encoding="utf-8")
     table = pd.read_csv(tmp_path / "joint_angles.csv")
-    np.testing.assert_allclose(table["elbow_wrist_bend_deg"], np.degrees(run.angles.angle_rad[:, 3]), atol=1e-3)
+    np.testing.assert_allclose(
+        table["elbow_wrist_bend_deg"], np.degrees(run.angles["angle_rad"].values[:, 3]), atol=1e-3
+    )
     again = read_recording(tmp_path).angles
     assert again is not None
-    assert again.names == run.angles.names
-    np.testing.assert_array_equal(again.sd_rad, run.angles.sd_rad)
-    np.testing.assert_array_equal(again.energies, run.angles.energies)
+    assert set(again) == set(run.angles)
+    for name in again:
+        np.testing.assert_array_equal(again[name].values, run.angles[name].values)
+    np.testing.assert_array_equal(again["angle"], run.angles["angle"])
     assert ("v_z_bound" in table.columns) == (model == "lagrangian")
     if model == "lagrangian":  # columns are in their order, and all frames are known
         assert (table["energy_j"] > 0).all()

@@ -17,8 +17,8 @@ from mocap.audit import (
 )
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.stored import _one_v_row
-from mocap.cameras.camera import Camera, project, record, stacked, undistorted
-from mocap.cameras.origin import PixelCorner, decide_origin, flipped, ideal_pixels
+from mocap.cameras.camera import Camera, flipped, project, record, stacked, undistorted
+from mocap.cameras.origin import PixelCorner, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.records import MarkerTracks, PixelTracks, Status
 from tests.mocap.rigs import ring
@@ -44,14 +44,7 @@ class Clean:
 
     def ideal(self, cameras, uv_px, decision):
         """Ideal pixels as the audit takes them."""
-        return ideal_pixels(
-            cameras,
-            uv_px,
-            pixels=decision.pixels,
-            coefficients=decision.coefficients,
-            height_px=decision.height_px,
-            iterations=None,
-        )
+        return decision.ideal(cameras, uv_px)
 
     def stored(self, xyz_m=None):
         """Points as a program stores them: linear triangulation, six decimals."""

@@ -5,7 +5,7 @@ import numpy as np
 from mocap.audit import alarms, audit_filmed, estimate_offsets
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.cameras.camera import Camera, record, stacked, undistorted
-from mocap.cameras.origin import decide_origin, ideal_pixels
+from mocap.cameras.origin import decide_origin
 from mocap.io.anipose import read_calibration
 from mocap.io.dltdv import read_coefficients, read_points
 from mocap.io.dvproject import read_project
@@ -21,14 +21,7 @@ TUNNEL = "bat_windtunnel_dltdv8"
 def audit(pixels: PixelTracks, cameras: tuple[Camera, ...]):
     """Everything, with DLTdv's three iterations of undistortion."""
     decision = decide_origin(cameras, pixels.uv_px)
-    ideal = ideal_pixels(
-        cameras,
-        pixels.uv_px,
-        pixels=decision.pixels,
-        coefficients=decision.coefficients,
-        height_px=decision.height_px,
-        iterations=3,
-    )
+    ideal = decision.ideal(cameras, pixels.uv_px, iterations=3)
     return {f.kind: f for f in audit_filmed(cameras, pixels, ideal, decision)}
 
 

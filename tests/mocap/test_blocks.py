@@ -169,8 +169,8 @@ def test_any_range_of_frames(folder):
     np.testing.assert_array_equal(run.xyz_m, whole.xyz_m[220:260])
     np.testing.assert_allclose(run.cov_m2, whole.cov_m2[220:260], rtol=1e-5, atol=1e-12)
     np.testing.assert_array_equal(run.tracks.status, whole.status[220:260])
-    world = mocap.load(folder).joint_tracks["world"].q_m[220:260]
-    np.testing.assert_allclose(run.joint_tracks["world"].q_m, world, atol=1e-12)
+    world = mocap.load(folder).data["joint_world"].values[220:260]
+    np.testing.assert_allclose(run.data["joint_world"].values, world, atol=1e-12)
     with pytest.raises(MocapError, match="has the frames 1 to 350"):
         load_range(folder, range(340, 360))
 

@@ -7,8 +7,7 @@ import pytest
 from mocap.datasets import PERFECT, make_bat, make_lizard, write_recording
 
 from mocap.cameras.camera import project, stacked, undistorted
-from mocap.cameras.normal_equations import fit, linearise
-from mocap.cameras.triangulate import linear, refine
+from mocap.cameras.triangulate import fit, linear, linearise, refine
 from mocap.cleaning.camera_health import camera_health
 from mocap.io.dvproject import read_project
 from mocap.pipeline.cleaning import clean

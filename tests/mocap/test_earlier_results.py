@@ -20,12 +20,12 @@ def test_a_result_of_the_version_before_is_the_same_record():
     np.testing.assert_array_equal(result.motion.own, flight.motion.own)
     assert (result.name, result.model, result.camera_names) == (flight.name, flight.model, flight.camera_names)
     np.testing.assert_array_equal(result.matrices, flight.matrices)
-    (limb,) = result.limbs
-    assert limb.markers == ("L_shoulder", "L_elbow")
-    np.testing.assert_array_equal(limb.samples, np.arange(14.0).reshape(7, 2))
+    (limb,) = result.limbs.values()
+    assert [result.names[m] for m in limb["marker"]] == ["L_shoulder", "L_elbow"]
+    np.testing.assert_array_equal(limb["samples"], np.arange(14.0).reshape(7, 2))
     assert result.angles is not None
-    assert (result.angles.energies == 1).all()
-    world = result.joint_tracks["world"].q_m[:, 0]
+    assert (result.angles["energies"] == 1).all()
+    world = result.data["joint_world"].values[:, 0]
     names = list(flight.names)
     expected = flight.xyz_m[:, names.index("L_wrist")] - flight.xyz_m[:, names.index("L_elbow")]
     np.testing.assert_allclose(world, expected, atol=1e-15)

@@ -5,7 +5,7 @@ import pytest
 from mocap.filters.body_axes import BodyFrames
 from scipy.spatial.transform import Rotation
 
-from mocap.joints import FRAMES, joint_tracks
+from mocap.joints import FRAMES, joint_variables
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Joint, Skeleton
 
@@ -44,10 +44,10 @@ def test_world_and_body_are_differences():
     """The child minus its centre, in the world's axes and in the body's, whatever the body does."""
     body = arm(np.linspace(0.3, 2.0, 20))
     tracks, frames = tracked(body, np.random.default_rng(1))
-    found = joint_tracks(tracks, SKELETON, frames)
-    assert tuple(found) == FRAMES
-    np.testing.assert_allclose(found["world"].q_m[:, 0], tracks.xyz_m[:, 2] - tracks.xyz_m[:, 1], atol=1e-12)
-    np.testing.assert_allclose(found["body"].q_m[:, 0], body[:, 2] - body[:, 1], atol=1e-12)
+    found = joint_variables(tracks, SKELETON, frames)
+    assert tuple(found) == (*(f"joint_{frame}" for frame in FRAMES), "joint_sd")
+    np.testing.assert_allclose(found["joint_world"][:, 0], tracks.xyz_m[:, 2] - tracks.xyz_m[:, 1], atol=1e-12)
+    np.testing.assert_allclose(found["joint_body"][:, 0], body[:, 2] - body[:, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 1.0, 2.5])
@@ -58,9 +58,9 @@ def test_the_limbs_plane_holds_the_bend(tilt):
     """
     bend = np.linspace(-0.7, 2.0, 40)
     tracks, frames = tracked(arm(bend, tilt=tilt), np.random.default_rng(2))
-    found = joint_tracks(tracks, SKELETON, frames)
+    found = joint_variables(tracks, SKELETON, frames)
     for frame in ("limb", "plane"):
-        q = found[frame].q_m[:, 0]
+        q = found[f"joint_{frame}"][:, 0]
         np.testing.assert_allclose(q[:, 0], 0.25 * np.cos(bend), atol=1e-9)
         sign = np.sign(q[-1, 1])
         np.testing.assert_allclose(sign * q[:, 1], 0.25 * np.sin(bend), atol=1e-9)
@@ -70,7 +70,7 @@ def test_a_straight_arm_has_coordinates():
     """Exactly straight, the limb's plane is undefined and the coordinates are not: (length, 0)."""
     bend = np.r_[np.full(5, 0.8), 0.0, np.full(5, 0.8)]
     tracks, frames = tracked(arm(bend), np.random.default_rng(3))
-    np.testing.assert_allclose(joint_tracks(tracks, SKELETON, frames)["limb"].q_m[5, 0], [0.25, 0], atol=1e-9)
+    np.testing.assert_allclose(joint_variables(tracks, SKELETON, frames)["joint_limb"][5, 0], [0.25, 0], atol=1e-9)
 
 
 def test_what_is_not_seen_has_no_coordinates():
@@ -79,25 +79,26 @@ def test_what_is_not_seen_has_no_coordinates():
     body[4, 2] = np.nan
     body[7, 0] = np.nan
     tracks, frames = tracked(body, np.random.default_rng(4), sd=2e-3)
-    found = joint_tracks(tracks, SKELETON, frames)
+    found = joint_variables(tracks, SKELETON, frames)
     for name in FRAMES:
-        missing = np.isnan(found[name].q_m[:, 0]).any(axis=1)
+        missing = np.isnan(found[f"joint_{name}"][:, 0]).any(axis=1)
         expected = {4} if name in ("world", "body", "plane") else {4, 7}
         assert set(np.flatnonzero(missing)) == expected
-        np.testing.assert_array_equal(np.isnan(found[name].sd_m[:, 0]), missing)
-    assert found["world"].sd_m[0, 0] == pytest.approx(2e-3 * np.sqrt(2))
+    assert np.flatnonzero(np.isnan(found["joint_sd"][:, 0])).tolist() == [4]
+    assert found["joint_sd"][0, 0] == pytest.approx(2e-3 * np.sqrt(2))
     tracks, frames = tracked(np.full_like(body, np.nan), np.random.default_rng(5))
-    assert all(np.isnan(j.q_m).all() for j in joint_tracks(tracks, SKELETON, frames).values())
+    assert all(np.isnan(q).all() for q in joint_variables(tracks, SKELETON, frames).values())
 
 
 def test_no_joints():
     """A skeleton without joints has empty tracks of the right shapes."""
     tracks, frames = tracked(arm(np.ones(3)), np.random.default_rng(6))
     bare = Skeleton(name="bare", markers=SKELETON.markers)
-    found = joint_tracks(tracks, bare, frames)
-    assert {name: j.q_m.shape for name, j in found.items()} == {
-        "world": (3, 0, 3),
-        "body": (3, 0, 3),
-        "plane": (3, 0, 2),
-        "limb": (3, 0, 2),
+    found = joint_variables(tracks, bare, frames)
+    assert {name: q.shape for name, q in found.items()} == {
+        "joint_world": (3, 0, 3),
+        "joint_body": (3, 0, 3),
+        "joint_plane": (3, 0, 2),
+        "joint_limb": (3, 0, 2),
+        "joint_sd": (3, 0),
     }

@@ -3,7 +3,7 @@
 import numpy as np
 from mocap.filters.body_axes import BodyFrames
 
-from mocap.joints import joint_tracks
+from mocap.joints import joint_variables
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Joint, Skeleton
 
@@ -26,7 +26,7 @@ def limb(bend_rad: np.ndarray, turn_rad: np.ndarray) -> np.ndarray:
         name="arm", markers=("a", "b", "c"), joints=(Joint(name="b", parent="a", centre="b", child="c"),)
     )
     frames = BodyFrames(rotation=np.tile(np.eye(3), (n, 1, 1)), position_m=np.zeros((n, 3)))
-    return joint_tracks(tracks, skeleton, frames)["limb"].q_m[:, 0]
+    return joint_variables(tracks, skeleton, frames)["joint_limb"][:, 0]
 
 
 def test_a_plane_that_turns_right_round_keeps_the_side():

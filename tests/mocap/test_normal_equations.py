@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.cameras.normal_equations import PAIRS, factor, inverse, normal_equations, solve, squared_length, towards
+from mocap.cameras.triangulate import PAIRS, factor, inverse, normal_equations, solve, squared_length, towards
 
 RNG = np.random.default_rng(0)
 SLOPE, WEIGHT, ERROR = RNG.normal(size=(4, 2, 3, 50)), RNG.uniform(0.5, 2, (4, 50)), RNG.normal(size=(4, 2, 50))

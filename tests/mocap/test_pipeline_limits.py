@@ -86,5 +86,5 @@ def test_a_potential_has_thirty_samples_and_at_most_five_hundred(monkeypatch, sa
     q_m, seen = np.zeros((700, 2)), np.arange(700) < samples
     monkeypatch.setattr(potentials, "_measured", lambda *_: [("elbow", seen, q_m)])
     monkeypatch.setattr(potentials, "_potential", lambda _name, _frame, some, _trials: len(some))
-    found = potentials.joint_potentials(SimpleNamespace(frame="limb"), None, None)
+    found = potentials.joint_potentials({}, "limb", None, None)
     assert list(found.values()) == learned

@@ -7,8 +7,8 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 
 from mocap.audit import stale_points
-from mocap.cameras.camera import dlt_coefficients, record
-from mocap.cameras.origin import OriginError, decide_origin, flipped, ideal_pixels
+from mocap.cameras.camera import dlt_coefficients, flipped, record
+from mocap.cameras.origin import OriginError, decide_origin
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
@@ -43,9 +43,7 @@ def test_a_flipped_file_is_told(pixels):
     assert (found.pixels == found.coefficients) == (pixels == "upper-left")
     assert found.residual_px < 1.0
     assert found.next_px > 3 * found.residual_px
-    ideal = ideal_pixels(
-        cameras, uv, pixels=found.pixels, coefficients=found.coefficients, height_px=found.height_px, iterations=None
-    )
+    ideal = found.ideal(cameras, uv)
     matrices = np.stack([c.matrix for c in cameras])
     assert np.abs(linear(matrices, ideal) - points).max() < 5e-3  # 0.5 px at 600 px a metre, 5 deviations
 

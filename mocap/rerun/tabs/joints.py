@@ -31,11 +31,10 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     t_s = run.t_s
     for name, frame in layout.joint_frames.items():
         # the coordinates of one joint of the tracks, in millimetres
-        tracks = run.joint_tracks[frame]
-        lines = tracks.q_m[:, tracks.names.index(name)] * MM_PER_M
+        lines = run.joints_m(frame)[name] * MM_PER_M
         n_lines = lines.shape[1]
         path = f"{paths.joint(name, 'series')}/coordinates"
-        log_line(rec, path, tracks.t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
+        log_line(rec, path, t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
     for name, land in layout.landscapes.items():
         _log_surface(rec, paths.joint(name, "surface"), t_s, land)
         _log_heat_map(rec, paths.joint(name, "map"), t_s, land)
@@ -60,7 +59,7 @@ def tab(layout: Layout) -> rrb.Container | None:
     others = [name for name in layout.joint_frames if name not in layout.landscapes]
     if others:
         parts.append(rows([coordinates_view(layout, name) for name in others], name="Other joints"))
-    parts += [limb_tab(layout, limb) for limb in layout.run.limbs]
+    parts += [limb_tab(layout, name) for name in layout.run.limbs]
     return rrb.Tabs(*parts, active_tab=0, name="Joints and potentials")
 
 

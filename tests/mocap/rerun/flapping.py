@@ -12,8 +12,7 @@ from eal.potential import fit_potential
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
 from mocap.pipeline.potentials import SPACE, JointPotential, joint_potentials
 from mocap.pipeline.recording import Recording, of_points
-from mocap.pipeline.variables import with_joints, with_motion
-from mocap.records import JointTracks, MarkerTracks, Status
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Joint, Skeleton
 
 SIZE_PX = (1280, 800)
@@ -128,13 +127,14 @@ def make_run(
     found = of_points(markers, body, name="flapper-demo")
     if cameras:
         found = replace(found, data=found.data.assign_coords(view=np.array([c.name for c in cameras], dtype=object)))
-    data = with_joints(with_motion(found.having(**known).data, motion), joints)
+    named = {"joint": [joint.name for joint in body.joints[:n_joints]]} if joints else {}
+    found = found.having(named, **known, **joints).with_motion(motion)
     return replace(
         found,
-        data=data.assign_attrs(model="stand-in", y_up=int(y_up)),
+        data=found.data.assign_attrs(model="stand-in", y_up=int(y_up)),
         cameras=cameras,
         potentials=potentials,
-        spatial_potentials=joint_potentials(joints[SPACE], markers, body) if joints else {},
+        spatial_potentials=joint_potentials(found.joints_m(SPACE), SPACE, markers, body),
         report_text=_REPORT,
     )
 
@@ -170,7 +170,7 @@ def _pixels(
 
 def _joints(
     body: Skeleton, truth: Array, t_s: Array, n_joints: int, rng: np.random.Generator
-) -> tuple[dict[str, JointTracks], dict[str, JointPotential]]:
+) -> tuple[dict[str, Array], dict[str, JointPotential]]:
     index = {name: i for i, name in enumerate(body.markers)}
     chosen = body.joints[:n_joints]
     q = np.empty((len(t_s), len(chosen), 2))
@@ -185,11 +185,10 @@ def _joints(
             )
     q[len(q) // 3 : len(q) // 3 + 3] = np.nan
     sd_m = np.full(q.shape[:2], 0.001)
-    names = tuple(joint.name for joint in chosen)
-    plane = JointTracks(names=names, frame="plane", t_s=t_s, q_m=q, sd_m=sd_m)
-    whole = np.stack([truth[:, index[j.child]] - truth[:, index[j.centre]] for j in chosen], axis=1) if chosen else None
-    space = np.empty((len(t_s), 0, 3)) if whole is None else whole
-    return {"plane": plane, "body": JointTracks(names=names, frame="body", t_s=t_s, q_m=space, sd_m=sd_m)}, potentials
+    if not chosen:
+        return {}, potentials
+    space = np.stack([truth[:, index[j.child]] - truth[:, index[j.centre]] for j in chosen], axis=1)
+    return {"joint_plane": q, "joint_body": space, "joint_sd": sd_m}, potentials
 
 
 _REPORT = """# flapper-demo

@@ -9,7 +9,6 @@ from flapping import make_run
 from readback import column, entities
 from vulkan import need_vulkan
 
-from mocap.pipeline.variables import with_variables
 from mocap.rerun import palette, paths
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.rerun.tabs import lagrangian
@@ -26,7 +25,7 @@ def run():
     angles = {"angle_rad": np.zeros((N, 1)), "angle_sd_rad": np.full((N, 1), 0.1), "energies": energies}
     lengths = {"segment_length": np.array([0.1]), "segment_length_sd": np.array([0.001])}
     names = {"angle": ["elbow_tip_bend"], "segment": ["elbow to tip"]}
-    return replace(base, data=with_variables(base.data, {**angles, **lengths}, **names))
+    return base.having(names, **angles, **lengths)
 
 
 def test_energy_value_and_bound_are_in_the_recording(run, tmp_path):
@@ -34,7 +33,7 @@ def test_energy_value_and_bound_are_in_the_recording(run, tmp_path):
     write_recording(run, tmp_path / "a.rrd")
     for path, which in ((paths.ENERGY, 0), (f"{paths.VALLEY}/value", 1), (f"{paths.VALLEY}/bound", 2)):
         frames, _, found = column(tmp_path / "a.rrd", path, "Scalars:scalars")
-        np.testing.assert_allclose(np.ravel(found), run.angles.energies[frames, which])
+        np.testing.assert_allclose(np.ravel(found), run.angles["energies"].values[frames, which])
     learned = replace(run, data=run.data.drop_vars("energies"))
     write_recording(learned, tmp_path / "b.rrd")
     assert not [name for name in entities(tmp_path / "b.rrd") if "lagrangian" in name]

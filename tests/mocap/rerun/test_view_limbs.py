@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
-from mocap.filters.records import HeldLimb
 from readback import column, entities
 from vulkan import need_vulkan
 
-from mocap.pipeline.variables import with_limbs
+from mocap.pipeline.recording import limb_variables
 from mocap.rerun import palette, paths
 from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.results.stored import read_recording, write_arrays
 from tests.mocap.rerun.headless import Headless
 
-N = 20
+N, NAME = 20, "shoulder to elbow"
 
 
 @pytest.fixture(scope="module")
@@ -28,37 +27,39 @@ def run():
     angle = np.linspace(0, 2 * np.pi, N)
     cov = np.broadcast_to(0.01 * np.eye(2), (N, 2, 2)).copy()
     cov[7] = np.diag([0.36, 0.09])
-    pull = np.zeros((N, 2, 3))
-    pull[:, :, 0] = 40.0 + np.arange(N)[:, None]
+    pull = np.full((N, len(base.names), 3), np.nan)
+    pull[:, 4:6] = 0.0
+    pull[:, 4:6, 0] = 40.0 + np.arange(N)[:, None]
+    place = np.full(len(base.names), -1)
+    place[4:6] = 0, 1
     axis = np.linspace(-2, 2, 30)
-    limb = HeldLimb(
-        name="shoulder to elbow",
-        markers=base.names[4:6],
-        x=axis,
-        y=axis,
-        value=np.clip((np.hypot(*np.meshgrid(axis, axis)) - 1) ** 2, 0, 1),
-        samples=rng.normal(0, 1, (50, 2)),
-        state=np.stack([np.cos(angle), np.sin(angle)], axis=1),
-        cov=cov,
-        at_state=np.linspace(0, 0.5, N),
-        pull=pull,
-    )
-    return replace(base, data=with_limbs(base.data, [limb]))
+    limb = {
+        "x": axis,
+        "y": axis,
+        "value": np.clip((np.hypot(*np.meshgrid(axis, axis)) - 1) ** 2, 0, 1),
+        "samples": rng.normal(0, 1, (50, 2)),
+        "marker": place,
+        "state": np.stack([np.cos(angle), np.sin(angle)], axis=1),
+        "covariance": cov,
+        "at_state": np.linspace(0, 0.5, N),
+        "pull": pull,
+    }
+    return base.having({"limb": [NAME]}, **limb_variables({NAME: limb}))
 
 
 def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):
     """The state with its second coordinate turned round, an ellipse of 2 sd, arrows of a share of the scene."""
     write_recording(run, tmp_path / "a.rrd")
-    (limb,) = run.limbs
-    path = f"{paths.child(paths.LIMBS, limb.name)}/map"
+    limb = run.limbs[NAME]
+    path = f"{paths.child(paths.LIMBS, NAME)}/map"
     frames, _, state = column(tmp_path / "a.rrd", f"{path}/now", "Points2D:positions")
-    np.testing.assert_allclose(state, (limb.state * (1, -1))[frames], atol=1e-6)
+    np.testing.assert_allclose(state, (limb["state"] * (1, -1))[frames], atol=1e-6)
     _, _, outline = column(tmp_path / "a.rrd", f"{path}/ellipse", "LineStrips2D:strips")
     outline = outline.reshape(N, -1, 2)
-    reach = np.abs(outline - (limb.state * (1, -1))[:, None]).max(axis=1)
+    reach = np.abs(outline - (limb["state"] * (1, -1))[:, None]).max(axis=1)
     np.testing.assert_allclose(reach[7], ELLIPSE_SD * np.array([0.6, 0.3]), atol=1e-3)
     np.testing.assert_allclose(reach[3], ELLIPSE_SD * 0.1, atol=1e-3)
-    _, counts, arrows = column(tmp_path / "a.rrd", paths.child(paths.PULL, limb.name), "Arrows3D:vectors")
+    _, counts, arrows = column(tmp_path / "a.rrd", paths.child(paths.PULL, NAME), "Arrows3D:vectors")
     assert (counts <= 2).all()
     longest = np.linalg.norm(arrows, axis=1).max()
     assert longest == pytest.approx(REACH * make_layout(run).scene.radius_m, rel=0.05)
@@ -75,11 +76,11 @@ def test_limbs_are_restored_and_cut(run, tmp_path):
     write_arrays(replace(run, skeleton=replace(run.skeleton, joints=())), tmp_path)
     for name, text in (("report.json", "{}"), ("report.md", "")):
         (tmp_path / name).write_text(text)
-    (back,), (limb,) = read_recording(tmp_path).limbs, run.limbs
-    assert (back.name, back.markers) == (limb.name, limb.markers)
-    for name in ("x", "y", "value", "samples", "state", "cov", "at_state", "pull"):
-        np.testing.assert_allclose(getattr(back, name), getattr(limb, name), atol=1e-6)
-    np.testing.assert_array_equal(run.at(slice(5, 9)).limbs[0].state, limb.state[5:9])
+    back, limb = read_recording(tmp_path).limbs[NAME], run.limbs[NAME]
+    assert limb["marker"].tolist() == [4, 5]
+    for name, values in limb.items():
+        np.testing.assert_allclose(back[name], values, atol=1e-6)
+    np.testing.assert_array_equal(run.at(slice(5, 9)).limbs[NAME]["state"], limb["state"][5:9])
 
 
 def test_a_person_sees_the_state_its_ellipse_and_the_arrows(run, tmp_path):
@@ -89,8 +90,8 @@ def test_a_person_sees_the_state_its_ellipse_and_the_arrows(run, tmp_path):
     layout = make_layout(run)
     with Headless() as viewer:
         viewer.load(tmp_path / "a.rrd", recording_id(run))
-        picture = viewer.show(rrb.Blueprint(map_view(layout, run.limbs[0])), frame=7).astype(float)
-        scene = viewer.show(rrb.Blueprint(pull_view(layout, run.limbs[0])), frame=7).astype(float)
+        picture = viewer.show(rrb.Blueprint(map_view(layout, NAME)), frame=7).astype(float)
+        scene = viewer.show(rrb.Blueprint(pull_view(layout, NAME)), frame=7).astype(float)
     for color, least in ((palette.VERMILLION, 20), (palette.WHITE, 60), (palette.depth(np.zeros(1))[0], 500)):
         assert (np.linalg.norm(picture[..., :3] - color, axis=-1) < 60).sum() > least
     assert (np.linalg.norm(scene[..., :3] - palette.VERMILLION, axis=-1) < 60).sum() > 30

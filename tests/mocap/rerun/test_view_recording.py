@@ -146,9 +146,8 @@ def test_health_series(run, rrd):
 
 def test_joint_moves_on_its_potential(run, rrd):
     """The value along the way is the potential's; the point on the surface is over the joint, at about that height."""
-    joints = run.joint_tracks["plane"]
-    for j, name in enumerate(joints.names):
-        potential, q_m = run.potentials[name], joints.q_m[:, j]
+    for name, q_m in run.joints_m("plane").items():
+        potential = run.potentials[name]
         value = column(rrd, f"{paths.joint(name, 'series')}/potential/value", "Scalars:scalars")[2]
         known = np.isfinite(q_m).all(axis=1)
         assert np.isnan(value[~known]).all()
@@ -189,10 +188,9 @@ def test_potential_is_drawn_where_it_is(run, rrd):
 
 def test_bound_is_the_energy_of_the_fastest_frame(run, rrd):
     """V(q0) + eps^2 |dq/dt|^2 / 2 where that is greatest, speed by differences; total = kinetic + potential."""
-    joints = run.joint_tracks["plane"]
-    for j, name in enumerate(joints.names):
+    t_s = run.t_s
+    for name, q_m in run.joints_m("plane").items():
         series = paths.joint(name, "series")
-        q_m, t_s = joints.q_m[:, j], joints.t_s
         total, kinetic, held = column(rrd, f"{series}/energy", "Scalars:scalars")[2].reshape(-1, 3).T
         np.testing.assert_allclose(total, kinetic + held, rtol=1e-12)
         speed = (q_m[2:] - q_m[:-2]) / (t_s[2:] - t_s[:-2])[:, None]
@@ -241,7 +239,7 @@ def test_volume_is_the_potential_in_the_body(tmp_path):
     run, rrd = make_run(n_frames=120, n_cameras=0), tmp_path / "r.rrd"
     write_recording(run, rrd)
     name = "L_elbow"
-    spatial = joint_potentials(run.joint_tracks["body"], run.tracks, run.skeleton)[name]
+    spatial = joint_potentials(run.joints_m("body"), "body", run.tracks, run.skeleton)[name]
     path = f"{paths.joint(name, 'volume')}/potential"
     cell = column(rrd, path, "Volume3D:voxel_size")[2][0]
     corner = column(rrd, path, "Volume3D:translation")[2][0]
@@ -253,7 +251,7 @@ def test_volume_is_the_potential_in_the_body(tmp_path):
         expected = spatial.potential.value(middle_m / spatial.scale_m)
         assert cloud.value[k, j, i] == pytest.approx(expected, abs=1e-5)
     now = column(rrd, f"{paths.joint(name, 'volume')}/now", "Points3D:positions")[2]
-    np.testing.assert_array_equal(now, (run.joint_tracks["body"].q_m[:, 0] * 1000).astype(np.float32))
+    np.testing.assert_array_equal(now, (run.data["joint_body"].values[:, 0] * 1000).astype(np.float32))
 
 
 def test_report_is_the_text(run, rrd):

@@ -95,7 +95,7 @@ def test_without_a_model_it_says_what_to_do(files):
 def test_a_model_of_another_rate_is_refused(files, learned):
     """Its motion would be wrong by the ratio."""
     recording = mocap.read(files[0], calibration=files[1], fps=2 * FPS, unit="m")
-    with pytest.raises(FilterError, match="one frame rate"):
+    with pytest.raises(FilterError, match="share a frame rate"):
         mocap.track(recording, model=learned)
 
 

@@ -75,7 +75,7 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     assert (checked.rejected["contradicted"][FRAMES, wrong] == asked[FRAMES, wrong]).all()
     assert checked.rejected["contradicted"][FRAMES, right].sum() <= 2
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
-    assert any("meet away from where the motion" in line.text for line in checked.findings)
+    assert any("two-camera points inconsistent with the motion" in line.text for line in checked.findings)
     lost = np.isfinite(one.uv_px[..., 0]) & np.isnan(checked.uv_px[..., 0])
     assert lost[1, FRAMES, wrong].mean() > 0.9  # looked at again, the camera that is wrong is found
     lost[1, FRAMES, wrong] = False
@@ -194,4 +194,4 @@ def test_long_recordings_are_checked_block_by_block(scene, learned):
     asked = unconfirmed(prepared(bat, film))[:, wrong]
     assert asked.sum() > 15
     assert (run.tracks.status[asked, wrong] == Status.REJECTED).all()
-    assert any("meet away from where the motion" in found.text for found in cleaned.findings)
+    assert any("two-camera points inconsistent with the motion" in found.text for found in cleaned.findings)

@@ -37,7 +37,7 @@ from mocap.cameras.camera import record, stacked, undistorted
 from mocap.digitising.clicks import Click
 from mocap.digitising.digitised import digitise
 from mocap.digitising.dots import find_dots, look_of
-from mocap.digitising.films import Films, open_films
+from mocap.digitising.videos import Videos, open_videos
 from mocap.io.anipose import write_calibration
 
 CLICK_SD_PX, RIGHT_PX, RIGHT_M, WRONG_PX, ENOUGH = 0.3, 1.0, 3e-4, 5.0, 0.99
@@ -51,7 +51,7 @@ DISTURBANCES = {"clean": CLEAN, "all": ALL, "texture": TEXTURE}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filmed:
-    """Films of a twin with their truth.
+    """Videos of a twin with their truth.
 
     Attributes:
         recording: The twin.
@@ -68,9 +68,9 @@ class Filmed:
     unpainted: tuple[str, ...] = ()
 
     @property
-    def films(self) -> Films:
+    def films(self) -> Videos:
         """Opened."""
-        return open_films([self.folder / "films"], self.recording.cameras)
+        return open_videos([self.folder / "films"], self.recording.cameras)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

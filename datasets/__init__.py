@@ -3,7 +3,7 @@
 ``mocap.datasets.bat(seed=0)`` flies and ``mocap.datasets.lizard(seed=0)`` walks: markers with ground truth, cameras,
 pixels.
 
-A seed comes in. A film with its ground truth goes out. It touches a file only where a film is written for others.
+A seed comes in. A video with its ground truth goes out. It touches a file only where a video is written for others.
 """
 
 if __name__ == "datasets":  # the folder at the repository's root; it is installed as mocap.datasets

@@ -96,13 +96,13 @@ def viewfinder(camera: Camera) -> Viewfinder:
     """Undistort a grid of 8 px and lay bicubic splines through it; they are right to 1e-4 px in the lenses here.
 
     Raises:
-        ValueError: the camera has no size, or its lens shows the same direction twice within the picture.
+        ValueError: the camera has no size, or its lens shows the same direction twice within the image.
     """
     u, v = (np.arange(-2.0 * _GRID_PX, n + 3 * _GRID_PX, _GRID_PX) for n in picture_size(camera))
     recorded = np.stack(np.meshgrid(u, v), axis=-1)
     ideal = recorded if camera.lens is None else camera.lens.undistort(recorded)
     if not np.isfinite(ideal).all():
-        raise ValueError(f"camera {camera.name!r}: its lens has no inverse over all of the picture: weaken it")
+        raise ValueError(f"camera {camera.name!r}: its lens has no inverse over all of the image: weaken it")
     return Viewfinder(
         camera=camera,
         across=RectBivariateSpline(v, u, ideal[..., 0]),
@@ -121,7 +121,7 @@ def photograph(
     blur_px: float,
     noise: float,
 ) -> NDArray[np.uint8] | None:
-    """An 8-bit grey picture of a board; every pixel is the mean of 3 x 3 rays, blurred, with noise.
+    """An 8-bit grey image of a board; every pixel is the mean of 3 x 3 rays, blurred, with noise.
 
     Args:
         finder: Of the camera.
@@ -134,7 +134,7 @@ def photograph(
         noise: Standard deviation of the noise, in grey levels of 255.
 
     Returns:
-        (height, width) grey levels; None where no part of the front of the board is in the picture.
+        (height, width) grey levels; None where no part of the front of the board is in the image.
     """
     camera = finder.camera
     width, height = picture_size(camera)
@@ -180,7 +180,7 @@ class BoardSession:
         board: The board.
         rotation: (F, 3, 3) from the board's axes to the world's.
         translation_m: (F, 3) the board's origin in the world.
-        blur_px: Standard deviation of the pictures' blur.
+        blur_px: Standard deviation of the images' blur.
         noise: Standard deviation of their noise, in grey levels of 255.
         seed: Of all chance.
     """
@@ -200,7 +200,7 @@ class BoardSession:
 
     @property
     def corners_px(self) -> Array:
-        """(C, F, K, 2) where each camera records the inner corners; they may be off its picture or seen from behind."""
+        """(C, F, K, 2) where each camera records the inner corners; they may be off its image or seen from behind."""
         world = np.einsum("fij,kj->fki", self.rotation, self.board.corners_m) + self.translation_m[:, None]
         return record(self.cameras, world)
 
@@ -215,7 +215,7 @@ def board_session(
     blur_px: float = 0.7,
     noise: float = 1.5,
 ) -> BoardSession:
-    """A board held before each camera in turn, tilted, in all parts of its picture; other cameras see what they can.
+    """A board held before each camera in turn, tilted, in all parts of its image; other cameras see what they can.
 
     Args:
         cameras: With sizes; they look at the world's origin.
@@ -223,7 +223,7 @@ def board_session(
         seed: Any integer; the same gives the same session.
         n_frames: How often it is held up.
         depth: Least and greatest distance from the camera, in distances of the origin.
-        blur_px: Standard deviation of the pictures' blur.
+        blur_px: Standard deviation of the images' blur.
         noise: Standard deviation of their noise, in grey levels of 255.
     """
     rng = np.random.default_rng(seed)
@@ -260,7 +260,7 @@ def write_board_session(
 ) -> int:
     """Write ``images/<camera>/<frame>.png``, ``truth.npz`` and ``card.json``; equal frame names are one instant.
 
-    A picture is written where the board's front is in it, at 72 degrees or less.
+    An image is written where the board's front is in it, at 72 degrees or less.
 
     Args:
         session: What to write.
@@ -271,7 +271,7 @@ def write_board_session(
         Number of pictures.
 
     Raises:
-        FileExistsError: there are pictures already.
+        FileExistsError: there are images already.
     """
     images = folder / "images"
     images.mkdir(parents=True)
@@ -328,7 +328,7 @@ class WandSweep:
     Attributes:
         cameras: The C cameras, with sizes.
         length_m: Distance of its ends.
-        pixels: Of ``wand_1`` and ``wand_2``, as recorded; NaN where off the picture.
+        pixels: Of ``wand_1`` and ``wand_2``, as recorded; NaN where off the image.
         xyz_m: (T, 2, 3) true ends.
         click_px: Standard deviation of a pixel.
         seed: Of all chance.

@@ -143,13 +143,13 @@ ENTRIES = (
     _pendulum("pendulum_planar_noisy", "with uniform noise of 0.1 m width on its radius", "planar", 0.1),
     _pendulum("pendulum_spherical", "400 samples of the paper's pendulum in space, Cartesian", "spherical", 0.0),
     _pendulum("pendulum_spherical_noisy", "with uniform noise of 0.1 m width on its radius", "spherical", 0.1),
-    _session("calibration_tunnel", "pictures of a checkerboard in the bat's 8 cameras", _TUNNEL, _TUNNEL_BOARD, 40),
+    _session("calibration_tunnel", "images of a checkerboard in the bat's 8 cameras", _TUNNEL, _TUNNEL_BOARD, 40),
     _session(
-        "calibration_tunnel_charuco", "pictures of a ChArUco board in the same cameras", _TUNNEL, _TUNNEL_CHARUCO, 40
+        "calibration_tunnel_charuco", "images of a ChArUco board in the same cameras", _TUNNEL, _TUNNEL_CHARUCO, 40
     ),
-    _session("calibration_fisheye", "pictures of a checkerboard in 8 fisheye cameras", _FISHEYES, _TUNNEL_BOARD, 40),
-    _session("calibration_tank", "pictures of a checkerboard in the lizard's 4 cameras", _TANK, _TANK_BOARD, 32),
-    _session("calibration_tank_charuco", "pictures of a ChArUco board in the same cameras", _TANK, _TANK_CHARUCO, 32),
+    _session("calibration_fisheye", "images of a checkerboard in 8 fisheye cameras", _FISHEYES, _TUNNEL_BOARD, 40),
+    _session("calibration_tank", "images of a checkerboard in the lizard's 4 cameras", _TANK, _TANK_BOARD, 32),
+    _session("calibration_tank_charuco", "images of a ChArUco board in the same cameras", _TANK, _TANK_CHARUCO, 32),
     _wand("wand_tunnel", "a wand of 0.2 m swept through the view of the bat's 8 cameras", _TUNNEL, 0.2),
     _wand("wand_tank", "a wand of 0.08 m swept through the view of the lizard's 4 cameras", _TANK, 0.08),
 )

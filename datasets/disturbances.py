@@ -1,4 +1,4 @@
-"""What spoils films: each disturbance has a size, and all come from one seed."""
+"""What spoils videos: each disturbance has a size, and all come from one seed."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -17,7 +17,7 @@ _SKIN_PX, _SKIN_GREY = 64, 25.0
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbances:
-    """How a film is spoilt; the default is a sharp film of a dark room in which the body hides markers.
+    """How a video is spoilt; the default is a sharp video of a dark room in which the body hides markers.
 
     Attributes:
         occlusion: 1: markers that body or membranes hide are not drawn; 0: they shine through.
@@ -62,9 +62,9 @@ class Disturbances:
                 continue
             if not value >= 0 or (entry.name in ("occlusion", "exposure", "contrast", "flicker") and value > 1):
                 limit = "from 0 to 1" if entry.name in ("occlusion", "exposure", "contrast", "flicker") else "0 or more"
-                raise ValueError(f"{entry.name} of a film must be {limit}, but is {value:g}")
+                raise ValueError(f"{entry.name} of a video must be {limit}, but is {value:g}")
         if self.radius_px == 0:
-            raise ValueError("radius_px of a film's dots must be above 0")
+            raise ValueError("radius_px of a video's dots must be above 0")
 
 
 CLEAN = Disturbances()
@@ -94,12 +94,12 @@ ALL = Disturbances(
 )
 """All of them, each of a moderate size."""
 TEXTURE = Disturbances(unpainted=("spine", "head"))
-"""Two points of head and back to follow by their texture, in an otherwise clean film."""
+"""Two points of head and back to follow by their texture, in an otherwise clean video."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Spoiler:
-    """The disturbances of one camera's film.
+    """The disturbances of one camera's video.
 
     Attributes:
         sizes: How great they are.
@@ -147,7 +147,7 @@ class Spoiler:
         return total
 
     def skin(self, marker: int) -> Grey:
-        """(64, 64) texture about a marker, about 0, the same in all films: noise of two sizes."""
+        """(64, 64) texture about a marker, about 0, the same in all videos: noise of two sizes."""
         rng = np.random.default_rng([self.seed[0], 8, marker])
         total = np.zeros((_SKIN_PX, _SKIN_PX), dtype=np.float32)
         for cell in (5, 10):
@@ -157,7 +157,7 @@ class Spoiler:
 
     @cached_property
     def _grain(self) -> Grey:
-        """A sheet of noise, larger than the picture, of which each frame shows another part."""
+        """A sheet of noise, larger than the image, of which each frame shows another part."""
         width, height = self.size_px
         return self._rng(3).standard_normal((height + _MARGIN_PX, width + _MARGIN_PX), dtype=np.float32)
 
@@ -185,7 +185,7 @@ class Spoiler:
 
         Args:
             frame: Number of the frame.
-            bones: (K, 2, 2) ends of the bones in the picture.
+            bones: (K, 2, 2) ends of the bones in the image.
         """
         still, bone, along, phase = self._spots
         shines = np.mod(phase + frame / 40.0, 1.0) < 0.5
@@ -203,7 +203,7 @@ class Spoiler:
         """
         sizes, (width, height) = self.sizes, self.size_px
         for a, b, c in self.bars:
-            # two points of the line far above and below the picture
+            # two points of the line far above and below the image
             ends = [(-(b * v + c) / a, v) for v in (-100.0, height + 100.0)]
             (u0, v0), (u1, v1) = ends
             cv2.line(drawn, (round(u0), round(v0)), (round(u1), round(v1)), _BAR_GREY, _BAR_PX, cv2.LINE_AA)

@@ -1,4 +1,4 @@
-"""Film a scene: project, hide, digitise, and write the card."""
+"""Video a scene: project, hide, digitise, and write the card."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -84,7 +84,7 @@ def film(
 
 
 def view(scene: Scene, camera: Camera, *, grazing_rad: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
-    """Recorded pixels (T, M, 2) of a scene, and where a marker is hidden or off the picture (T, M)."""
+    """Recorded pixels (T, M, 2) of a scene, and where a marker is hidden or off the image (T, M)."""
     exact_px = record([camera], scene.xyz_m)
     behind = occluded(
         [camera],
@@ -98,7 +98,7 @@ def view(scene: Scene, camera: Camera, *, grazing_rad: float = 0.0) -> tuple[Arr
 
 
 def outside(cameras: Sequence[Camera], xyz_m: Array, uv_px: Array) -> NDArray[np.bool_]:
-    """(C, T, M) True where a marker is behind a camera or off its picture.
+    """(C, T, M) True where a marker is behind a camera or off its image.
 
     Args:
         cameras: C cameras with sizes.

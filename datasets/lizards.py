@@ -188,7 +188,7 @@ def make_lizard(
 
     Args:
         seed: Any integer; the same gives the same bytes.
-        n_frames: Number of frames; the pictures hold the first 2 s of the walk.
+        n_frames: Number of frames; the images hold the first 2 s of the walk.
         fps: Frames a second.
         n_cameras: Number of cameras, 2 or more.
         skin_m: Root mean square of one coordinate of the markers' motion on the bone, but for hands and feet; 0: rigid.

@@ -1,6 +1,6 @@
 """Movies of a twin, one a camera: body, bones and membranes in grey, and the markers that the camera can see.
 
-What spoils films (blur, noise, reflections, ...) is in ``mocap.datasets.disturbances``.
+What spoils videos (blur, noise, reflections, ...) is in ``mocap.datasets.disturbances``.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -84,7 +84,7 @@ def pictures(
     disturbances: Disturbances = CLEAN,
     seed: tuple[int, ...] = (0, 0),
 ) -> Iterator[NDArray[np.uint8]]:
-    """The frames of one camera's film, each as it is asked for; arguments as of ``write_movies``.
+    """The frames of one camera's video, each as it is asked for; arguments as of ``write_movies``.
 
     Yields:
         (height, width) grey levels.
@@ -107,7 +107,7 @@ def pictures(
 def visible(
     scene: Scene, camera: Camera, *, disturbances: Disturbances = CLEAN, seed: tuple[int, ...] = (0, 0)
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Recorded pixels (T, M, 2), and the markers that a film does not show (T, M): the truth that it is fit for."""
+    """Recorded pixels (T, M, 2), and the markers that a video does not show (T, M): the truth that it is fit for."""
     uv_px, hidden = view(scene, camera)
     if disturbances.occlusion < 1:
         shines = np.random.default_rng([*seed, 7]).random(hidden.shape[1]) >= disturbances.occlusion
@@ -124,7 +124,7 @@ def shown_pixels(
     disturbances: Disturbances = CLEAN,
     seed: int = 0,
 ) -> PixelTracks:
-    """Where the films of ``write_movies`` show each marker, exactly; NaN where they do not."""
+    """Where the videos of ``write_movies`` show each marker, exactly; NaN where they do not."""
     scenes = [motion(t_s + late_s) for late_s in start_s]
     uv_px = []
     for c, (scene, camera) in enumerate(zip(scenes, cameras, strict=True)):
@@ -165,7 +165,7 @@ def picture(
         frame: Number of the frame.
         uv_px: (M, 2) recorded pixels of the markers.
         hidden: (M,) markers that are not seen.
-        spoiler: Background, reflections and look of the dots; None: of a clean film.
+        spoiler: Background, reflections and look of the dots; None: of a clean video.
 
     Returns:
         (height, width) grey levels between 0 and 255.

@@ -1,4 +1,4 @@
-"""What a human digitiser makes of the pictures: noise with a heavy tail, lost, mis-clicked and swapped markers."""
+"""What a human digitiser makes of the images: noise with a heavy tail, lost, mis-clicked and swapped markers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Digitiser:
         grazing_rad: A marker on a membrane is not clicked where the ray meets it at less than this angle.
         misclick_share: Share of clicks that land elsewhere.
         misclick_px: Least and greatest distance of those.
-        swap_share: Share of clicks exchanged with those of the nearest other marker in the picture.
+        swap_share: Share of clicks exchanged with those of the nearest other marker in the image.
     """
 
     core_px: float = 0.6

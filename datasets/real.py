@@ -60,7 +60,7 @@ REAL = (
     ),
     RealRecording(
         name="mouse_charuco_4cam",
-        what="4 cameras with pictures of a ChArUco board, Anipose calibration, SLEAP tracks of a mouse",
+        what="4 cameras with images of a ChArUco board, Anipose calibration, SLEAP tracks of a mouse",
         source="https://github.com/talmolab/sleap-anipose",
         licence="GPL-3.0 text, BSD-3-Clause in its setup",
     ),
@@ -72,7 +72,7 @@ REAL = (
     ),
     RealRecording(
         name="checkerboard_stereo_pair",
-        what="25 pairs of pictures of a checkerboard and their calibration",
+        what="25 pairs of images of a checkerboard and their calibration",
         source="https://github.com/Barry-Liang/stereoCalibrate",
         licence="none stated",
     ),
@@ -109,13 +109,13 @@ def real_path(name: str) -> Path:
     Raises:
         MocapError: it is not known, or not there.
     """
-    known = next((recording for recording in REAL if recording.name == name), None)
-    if known is None:
+    match = next((recording for recording in REAL if recording.name == name), None)
+    if match is None:
         raise MocapError(f"no real recording is called {name!r}; known are {', '.join(r.name for r in REAL)}")
     path = folder() / name
     if not path.is_dir():
         raise MocapError(
-            f"{path}: this recording is not there: get it from {known.source}, put it into a folder of that name, "
+            f"{path}: this recording is not there: get it from {match.source}, put it into a folder of that name, "
             f"and set {VARIABLE} to the folder that contains it"
         )
     return path

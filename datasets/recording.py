@@ -100,7 +100,7 @@ class SyntheticRecording:
         truth: Every marker in every frame.
         fps: Frames a second.
         start_s: (C,) time by which each camera starts late; its frame n is taken at ``pixels.t_s[n] + start_s``.
-        occluded: (C, T, M) True where the animal or its surroundings hide the marker, or it is out of the picture.
+        occluded: (C, T, M) True where the animal or its surroundings hide the marker, or it is out of the image.
         lost: (C, T, M) True where the digitiser lost it, hidden or not.
         outlier: (C, T, M) True where it was digitised in a wrong place.
         contact: (T, M) True where a marker stands still on the ground.

@@ -16,7 +16,7 @@ _R2 = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 def aimed(name: str, *, position_m: Array, target_m: Array, size_px: tuple[int, int], lens: Lens) -> Camera:
-    """A camera at ``position_m`` (3,) that looks at ``target_m`` (3,), its picture upright (x right, y down)."""
+    """A camera at ``position_m`` (3,) that looks at ``target_m`` (3,), its image upright (x right, y down)."""
     forward = unit(target_m - position_m)
     upward = np.array([1.0, 0, 0]) if abs(forward[2]) > 0.95 else np.array([0, 0, 1.0])
     right = unit(np.cross(forward, upward))
@@ -32,13 +32,13 @@ def aimed(name: str, *, position_m: Array, target_m: Array, size_px: tuple[int, 
 
 
 def picture_size(camera: Camera) -> tuple[int, int]:
-    """Width and height of a camera's picture in pixels.
+    """Width and height of a camera's image in pixels.
 
     Raises:
         ValueError: they are not known.
     """
     if camera.size_px is None:
-        raise ValueError(f"camera {camera.name!r} has no size_px: give it, to tell what is in its picture")
+        raise ValueError(f"camera {camera.name!r} has no size_px: give it, to tell what is in its image")
     return camera.size_px
 
 

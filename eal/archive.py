@@ -77,8 +77,8 @@ def read(path: Path) -> dict[str, Any]:
             if version == VERSION:
                 return _checked({name: stored[name] for name in ARRAYS}, settings)
     except _DAMAGE as error:
-        told = " ".join(str(error).split())
-        raise ArchiveError(f"{path}: not a potential written by EmpiricalPotential.save: {told}") from None
+        reason = " ".join(str(error).split())
+        raise ArchiveError(f"{path}: not a potential written by EmpiricalPotential.save: {reason}") from None
     raise ArchiveError(f"{path}: version {version!r}, but this program reads {VERSION}: fit again")
 
 

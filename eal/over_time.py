@@ -54,7 +54,7 @@ def _of(records: Sequence[Any], part: Any) -> Any:
     changes = {}
     for one in fields(first):
         values = [getattr(record, one.name) for record in records]
-        axis = next((told.axis for told in getattr(one.type, "__metadata__", ()) if isinstance(told, Time)), None)
+        axis = next((mark.axis for mark in getattr(one.type, "__metadata__", ()) if isinstance(mark, Time)), None)
         if axis is None:
             made = _of(values, part)
         elif isinstance(values[0], Mapping):

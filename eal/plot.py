@@ -50,7 +50,7 @@ def plot_potential(
     grid = grid_of(samples)
     labels = axis_labels(potential.names, potential.units) if labels is None else labels
     ax.set_xlabel(labels[0])
-    deviation = partial(value_deviation, potential, rng=np.random.default_rng(0))  # the same picture each time
+    deviation = partial(value_deviation, potential, rng=np.random.default_rng(0))  # the same image each time
     if potential.dimension == 1:
         v, sd = (f(grid[0][:, None]) for f in (potential.value, deviation))
         ax.fill_between(scale * grid[0], np.maximum(v - Z95 * sd, 0), np.minimum(v + Z95 * sd, 1), color="0.8")

@@ -15,7 +15,7 @@ from eal.arrays import Array
 def looks_like(prior: PosePrior, views: Views, camera: int, frame: int) -> Poses | None:
     """The starts of one frame: trial poses by scaled orthography, and their mirror images; None: too little is seen.
 
-    Seen from afar a pose Y is at q = s R Y + t in the plane of the picture. s R is the affine map that fits best,
+    Seen from afar a pose Y is at q = s R Y + t in the plane of the image. s R is the affine map that fits best,
     brought to the nearest rotation (as Bregler, Hertzmann & Biermann 2000). Turned about to lie as far behind the
     plane as it was before it, and reflected in its own flat side, a pose looks almost the same (Necker's reversal).
     """

@@ -172,19 +172,18 @@ def undetermined(joints: Sequence[Articulation]) -> list[str]:
     alone = [f"{j.centre} to {j.child}" for j in joints if not j.twist and np.isnan(j.straight)]
     if alone:
         out.append(
-            "not determined: how these segments turn about their own axis, because all their markers lie on it: "
-            + ", ".join(alone)
+            "not determined: axial rotation of these segments, because all their markers lie on it: " + ", ".join(alone)
         )
     vague = [j for j in joints if np.isfinite(j.straight) and j.straight > 0.05]
     if vague:
         out.append(
-            "poorly determined: how these segments turn about their own axis, because the next segment is within "
+            "poorly determined: axial rotation of these segments, because the next segment is within "
             f"{STRAIGHT_DEG:.0f} degrees of straight in a part of the frames: "
             + ", ".join(f"{j.centre} to {j.child} ({j.straight:.0%})" for j in vague)
         )
     out += [
         f"the bone {j.centre}-{j.child} is stated as rigid, but its length ({1e3 * j.length_m:.3g} mm) varies by "
-        f"{j.length_sd:.1%}: a marker on the wrong segment, skin that slips, or a bone to state as soft"
+        f"{j.length_sd:.1%}: a marker on the wrong segment, soft-tissue artefact, or a bone to state as soft"
         for j in joints
         if j.length_sd > RIGID
     ]

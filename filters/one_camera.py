@@ -381,7 +381,7 @@ def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noi
     """
     turn = axes @ Rotation.from_matrix(at.rotation).mean().as_matrix().T
     middle = np.mean(at.position_m, axis=0)
-    # 20 RMS distances of markers from the middle: a picture 6 degrees wide
+    # 20 RMS distances of markers from the middle: an image 6 degrees wide
     distance = 20 * np.sqrt(np.sum(prior.mean**2) / prior.markers) + float(
         np.abs((at.position_m - middle) @ turn[2]).max()
     )

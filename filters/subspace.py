@@ -253,7 +253,7 @@ def noise_share(missed: Array, sd: Array, trial: NDArray[np.int64] | None = None
     """Share of measurement noise in the mean square of what hidden samples were missed by; at most 0.95.
 
     What changes at random from frame to frame, but no more than what the measurements' deviations account for: in
-    films of few frames a second an animal moves as much as noise does.
+    videos of few frames a second an animal moves as much as noise does.
 
     Args:
         missed: (N, D) errors; NaN where nothing was hidden.

@@ -72,14 +72,14 @@ def _advice(
     arguments: Sequence[Any],
     named: Mapping[str, Any],
     others: Mapping[str, Callable[[], Callable[..., Any]]],
-    said: str,
+    problem: str,
 ) -> str:
     own = [name for name, one in takes.parameters.items() if one.kind is not Parameter.VAR_KEYWORD]
     first = [name for name, one in takes.parameters.items() if one.kind is Parameter.POSITIONAL_OR_KEYWORD]
     call = f"mocap.{verb}({', '.join(name if name in first else f'{name}=' for name in own)})"
     strange = next((name for name in named if name not in own), None)
     if strange is None:
-        return f"mocap.{verb}: {said}: expected {call}"
+        return f"mocap.{verb}: {problem}: expected {call}"
     like = get_close_matches(strange, own, n=1)
     if like:
         return f"mocap.{verb} has no argument `{strange}`; did you mean `{like[0]}`?"
@@ -95,7 +95,7 @@ def _advice(
 
 
 BOUNDS = {"fps": (1e-6, 1e7), "pixel_sd": (1e-4, 1e4), "image_height_px": (1.0, 1e6), "mm_per_px": (1e-7, 1e5)}
-"""Least and greatest of each option: a frame in twelve days to the fastest cameras; a pixel's hair to a whole picture;
+"""Least and greatest of each option: a frame in twelve days to the fastest cameras; a pixel's hair to a whole image;
 a row to a thousand times a camera's; an electron micrograph to a landscape."""
 
 

@@ -210,7 +210,7 @@ def angle_names(ends: Sequence[tuple[str, str]], freedoms: Sequence[int]) -> tup
 
 @dataclass(frozen=True, kw_only=True)
 class Plane:
-    """The picture of one film, in which markers move.
+    """The image of one video, in which markers move.
 
     Attributes:
         mm_per_px: Scale; None: not stated, and positions are pixels.

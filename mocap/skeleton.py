@@ -362,13 +362,13 @@ def skeleton_text(skeleton: Skeleton, *, comments: Mapping[str, Sequence[str]] |
         comments: Lines by what they are said of: ``""`` the whole, ``bones``, ``trunk``, ``bodies``, ``joints``,
             ``aliases`` (they stand before it), ``bone A B``, ``body NAME`` and ``joint NAME`` (behind it).
     """
-    said = comments or {}
+    remarks = comments or {}
 
     def before(what: str) -> list[str]:
-        return [f"# {line}".rstrip() for line in said.get(what, ())]
+        return [f"# {line}".rstrip() for line in remarks.get(what, ())]
 
     def behind(what: str) -> str:
-        return "".join(f"  # {line}" for line in said.get(what, ()))
+        return "".join(f"  # {line}" for line in remarks.get(what, ()))
 
     lines = [*before(""), f"name = {quoted(skeleton.name)}", f"markers = {quoted(skeleton.markers)}"]
     lines += [*before("bones"), "bones = ["]

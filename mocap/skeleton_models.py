@@ -184,11 +184,11 @@ def _above(groups: Sequence[_Rigid], group: _Rigid) -> tuple[_Rigid, bool, tuple
 
 
 def _as_skeleton(groups: Sequence[_Rigid], path: Path) -> tuple[dict[str, Any], dict[str, list[str]]]:
-    held = [group for group in groups if group.seen]
-    markers = [name for group in held for name in group.points]
+    used = [group for group in groups if group.seen]
+    markers = [name for group in used for name in group.points]
     bodies: dict[str, list[str]] = {}
     bones: list[tuple[str, str]] = []
-    for group in held:
+    for group in used:
         free = {n: xyz for n, xyz in group.fixed.items() if not any(n in members for members in bodies.values())}
         if _spans(list(free.values())):
             bodies[group.name] = list(free)
@@ -197,7 +197,7 @@ def _as_skeleton(groups: Sequence[_Rigid], path: Path) -> tuple[dict[str, Any], 
     comments: dict[str, list[str]] = {}
     joints: dict[str, tuple[str, ...]] = {}
     missing: list[str] = []
-    for group in held:
+    for group in used:
         above = _above(groups, group)
         if above is None or not above[1]:
             continue
@@ -211,22 +211,22 @@ def _as_skeleton(groups: Sequence[_Rigid], path: Path) -> tuple[dict[str, Any], 
             missing.append(name)
         comments[f"joint {name}"] = ["; ".join(limits)] if limits else []
     segments: dict[str, Segment] = {}
-    said = [f"from {path.name}; the ranges of its joints stand behind them, and limit nothing"]
+    notes = [f"from {path.name}; the ranges of its joints stand behind them, and limit nothing"]
     for group in groups:
         if not group.masses:
             continue
         mass = sum(one for one, _ in group.masses)
         com = np.sum([one * xyz for one, xyz in group.masses], axis=0) / mass
         if not group.fixed:
-            said.append(f"{group.name}: {1e3 * mass:g} g left out, as no marker is on it")
+            notes.append(f"{group.name}: {1e3 * mass:g} g left out, as no marker is on it")
             continue
         away, start, end, share = min(_rods(group.fixed, com))
         segments[group.name] = Segment(start=start, end=end, mass_g=float(f"{1e3 * mass:.6g}"), centre=share)
         if away > _SAME_M:
-            said.append(f"{group.name}: its centre of mass is {1e3 * away:.1f} mm from where [measures] puts it")
+            notes.append(f"{group.name}: its centre of mass is {1e3 * away:.1f} mm from where [measures] puts it")
     if missing:
-        said.append(f"no angle at {', '.join(missing)}: needs 3 markers on both segments, or one at its centre")
-    root = next((group for group in held if len(group.fixed) > 2), None)
+        notes.append(f"no angle at {', '.join(missing)}: needs 3 markers on both segments, or one at its centre")
+    root = next((group for group in used if len(group.fixed) > 2), None)
     parts = {
         "name": path.stem,
         "markers": markers,
@@ -236,7 +236,7 @@ def _as_skeleton(groups: Sequence[_Rigid], path: Path) -> tuple[dict[str, Any], 
         "trunk": list(root.fixed) if root is not None else [],
         "measures": Measures(segments=segments),
     }
-    return parts, {"": said, **comments}
+    return parts, {"": notes, **comments}
 
 
 def _ends(parent: _Rigid, child: _Rigid) -> tuple[str, str, str] | None:

@@ -28,7 +28,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from benchmarks.attack.mutants import NUMBERS, TEXT, damaged
-from tests.mocap.digitising.filmed import NAMES, SIZE, film
+from tests.mocap.digitising.filmed import NAMES, SIZE, video
 
 SECONDS, FRAMES, LARGEST = 60.0, 6, 65_537_000
 DEFECTS = ("let in", "refused wrongly", "error", "hang")
@@ -49,7 +49,7 @@ class Page:
 
     def __init__(self, folder: Path) -> None:
         """Film, start the command, and wait for its address."""
-        where = film(folder / "films", FRAMES).folder
+        where = video(folder / "films", FRAMES).folder
         self.saved = folder / "out" / "saved_clicks_xypts.csv"
         words = ["digitise", str(where / "films"), "--calibration", str(where / "calibration.toml"), "--fps", "100"]
         words += ["--skeleton", str(where / "skeleton.toml"), "--web", "--out", str(folder / "out")]

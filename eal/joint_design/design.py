@@ -187,9 +187,9 @@ def design_truss(
 def _without_idle(truss: Truss, target: Target) -> Truss:
     """The truss without members to the moving point that hold less than ``_IDLE`` of V = 1 anywhere in the region."""
     stretch = over_grid(truss, target).stretch[target.inside]
-    held = truss.stiffness_n_m * truss.rest_m**2 * energy_and_slope(stretch, truss.laws)[0].max(axis=0)
+    most_energy = truss.stiffness_n_m * truss.rest_m**2 * energy_and_slope(stretch, truss.laws)[0].max(axis=0)
     direct = (truss.ends[:, 0] < truss.moving) & (truss.ends[:, 1] == truss.moving)
-    kept = (held >= _IDLE) | ~direct
+    kept = (most_energy >= _IDLE) | ~direct
     return truss if kept.all() or truss.internal_m.size else truss.with_members(kept)
 
 

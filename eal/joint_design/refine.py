@@ -156,8 +156,8 @@ def _compiled(shape: tuple[int, int, int]) -> tuple[Any, Any, Any]:
         points = jnp.concatenate([off, jnp.minimum(low, 0.0)]) / jnp.sqrt(len(data["v"]))
         lengths = jax.vmap(member_lengths, (0, 0, None))(data["inside"], x_inside, p)
         # a limit broken by its own size weighs 3; kept by 1 % so that a finer grid breaks none
-        held = 3.0 * jnp.maximum(excess(lengths, p, data) + 0.01, 0.0)
-        return jnp.concatenate([points, held, data["limits"]["prestress"] * root[None]])
+        room = 3.0 * jnp.maximum(excess(lengths, p, data) + 0.01, 0.0)
+        return jnp.concatenate([points, room, data["limits"]["prestress"] * root[None]])
 
     def excess(lengths: Any, p: dict[str, Any], data: Any) -> Any:
         """What ``eal.joint_design.target.broken`` says, for all members and nodes that are real."""

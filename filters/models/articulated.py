@@ -132,7 +132,7 @@ def rooted(anatomy: Anatomy) -> Anatomy:
         return anatomy
     if not anatomy.bones:
         raise FilterError(
-            "the articulated model needs rigid bones that hang on the trunk, and the skeleton states none: add them, "
+            "the articulated model needs rigid bones attached to the trunk, and the skeleton states none: add them, "
             "or let `mocap skeleton` propose them"
         )
     ends = sorted({end for bone in anatomy.bones for end in bone})

@@ -55,8 +55,8 @@ def audit_filmed(
             | ({"next_px": decision.next_px} if decision.next_px < float("inf") else {}),
         )
     )
-    known = decision.stated or decision.matters
-    found += camera_findings(cameras, y_up=decision.coefficients == "lower-left" if known else None)
+    certain = decision.stated or decision.matters
+    found += camera_findings(cameras, y_up=decision.coefficients == "lower-left" if certain else None)
     late = offset_findings(cameras, ideal_px)
     explained = [f for f in late if f.alarm and 3 * f.numbers["after_px"] < f.numbers["before_px"]]
     foreign = [] if explained else fit_findings(cameras, ideal_px)
@@ -83,14 +83,14 @@ def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:
     return len(pixels.cameras) == len(cameras) > 1 and bool((pixels.seen.sum(axis=0) >= 2).any())
 
 
-def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin()) -> list[Finding]:  # noqa: B008
+def audit_recording(recording: FileContents, origin: StatedOrigin = StatedOrigin()) -> list[Finding]:  # noqa: B008
     """All checks of a file, or of files that belong together; alarms first.
 
     Lengths are judged only where their unit is known.
 
     Args:
         recording: The file's contents.
-        stated: What the user states about corners and picture height, as ``mocap track`` takes it.
+        origin: What the user states about corners and image height, as ``mocap track`` takes it.
     """
     pixels, points, cameras = recording.pixels, recording.points, recording.cameras
     if pixels is None or not cameras or not _meet(pixels, cameras):
@@ -104,21 +104,23 @@ def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin
         decision = decide_origin(
             cameras,
             pixels.uv_px,
-            origin=stated.origin,
-            coefficients=stated.calibration_origin,
-            height_px=stated.image_height_px,
+            origin=origin.origin,
+            coefficients=origin.calibration_origin,
+            height_px=origin.image_height_px,
             usual=recording.pixel_origin,
         )
     except ArrangementError as error:
-        told = error.arrangement
-        numbers = {"residual_px": told.residual_px, "undone_px": told.undone_px}
-        named = Finding(kind=told.kind, alarm=True, text=str(error), numbers=numbers, cameras=told.cameras)
+        arrangement = error.arrangement
+        numbers = {"residual_px": arrangement.residual_px, "undone_px": arrangement.undone_px}
+        named = Finding(
+            kind=arrangement.kind, alarm=True, text=str(error), numbers=numbers, cameras=arrangement.cameras
+        )
         return [named, *pixel_findings(pixels), *camera_findings(cameras, y_up=None)]
     except CalibrationError as error:
-        asked = Finding(kind="pixel origin", alarm=True, text=str(error))
+        question = Finding(kind="pixel origin", alarm=True, text=str(error))
         plain = undistorted(cameras, pixels.uv_px)
         rest = [*pixel_findings(pixels), *camera_findings(cameras, y_up=None), *fit_findings(cameras, plain)]
-        return sorted([asked, *rest], key=lambda f: not f.alarm)
+        return sorted([question, *rest], key=lambda f: not f.alarm)
 
     def ideal(iterations: int | None) -> Array:
         return decision.ideal(cameras, pixels.uv_px, iterations=iterations)

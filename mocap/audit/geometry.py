@@ -132,8 +132,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
         Finding(
             kind="large residual",
             alarm=True,
-            text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: the rays do not meet, "
-            "and 3D points are wrong by about as much: check cameras, lenses and the order of the files",
+            text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: "
+            "3D points are wrong by about as much: check cameras, lenses and the order of the files",
             numbers={"residual_px": whole, "jitter_px": jitter},
             cameras=tuple(c.name for c in cameras),
         )
@@ -163,8 +163,8 @@ def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | 
     return Finding(
         kind="uneven cameras",
         alarm=True,
-        text=f"WARNING: points of some cameras miss by far more than others': {each} (median), {names[best]!r} "
-        f"{own[best]:.2f} px, and their clicks scatter less: their calibration, lens or pixels are wrong",
+        text=f"WARNING: some cameras have far larger reprojection errors: {each} (median), {names[best]!r} "
+        f"{own[best]:.2f} px, and their points scatter less: their calibration, lens or pixels are wrong",
         numbers={"worst_px": float(np.nanmax(own)), "best_px": float(own[best])},
         cameras=tuple(names[c] for c in np.flatnonzero(bad)),
     )

@@ -27,7 +27,7 @@ def inspect(
     *,
     fps: float | None = None,
     unit: str | None = None,
-    stated: StatedOrigin | None = None,
+    origin: StatedOrigin | None = None,
 ) -> list[dict[str, Any]]:
     """A summary of each file, with the findings of its reader and of the audit.
 
@@ -37,7 +37,7 @@ def inspect(
     pixels and coefficients.
     """
     found, recordings = [], []
-    corners = stated or StatedOrigin()
+    corners = origin or StatedOrigin()
     for path in files:
         name = None
         try:
@@ -45,13 +45,15 @@ def inspect(
             name = format.name
             recording = read_as(format, path, hints)
             recording = recording if fps is None else recording.with_rate(fps)
-            told = _unit_told(recording, unit)
+            unit_findings = _unit_findings(recording, unit)
             recording = recording if unit is None else recording.with_unit(unit)
-            recording = replace(recording, findings=(*told, *recording.findings))
+            recording = replace(recording, findings=(*unit_findings, *recording.findings))
         except Exception as error:  # whatever it is, the other files are looked at too
-            known = isinstance(error, FormatError)
+            expected = isinstance(error, FormatError)
             text = (
-                str(error) if known else f"{path.name}: cannot be read ({type(error).__name__}: {error}): report this"
+                str(error)
+                if expected
+                else f"{path.name}: cannot be read ({type(error).__name__}: {error}): report this"
             )
             found.append({"format": name, **_NOTHING, "findings": [text], "file": str(path), "error": text})
         else:
@@ -96,11 +98,11 @@ def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners
         f"together {', '.join(path.name for path in whole.paths)}: {len(whole.names)} points, "
         f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
     )
-    found["findings"] += _unit_told(whole, None)
+    found["findings"] += _unit_findings(whole, None)
     _audited(found, whole, corners)
 
 
-def _unit_told(recording: FileContents, unit: str | None) -> tuple[str, ...]:
+def _unit_findings(recording: FileContents, unit: str | None) -> tuple[str, ...]:
     """What is assumed of the unit of positions, or of pixels with their calibration; also that no unit would do."""
     try:
         if recording.pixels is None or not recording.cameras or recording.unit is not None or unit is not None:

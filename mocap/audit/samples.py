@@ -44,8 +44,8 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
         return float(np.mean(np.abs(values / step - np.round(values / step)) * step < 1e-6))
 
     step = next((s for s in 2.0 ** np.arange(4, -4, -1) if on(s) > 0.995), None)
-    held = values.max() < 6e4 and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
-    finest = next((s for s in 2.0 ** np.arange(4, -14, -1) if on(s) == 1), None) if held else None
+    half_precision = values.max() < 6e4 and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
+    finest = next((s for s in 2.0 ** np.arange(4, -14, -1) if on(s) == 1), None) if half_precision else None
     if finest is not None and np.count_nonzero(values >= 2048 * finest) >= 20:  # by chance once in a million
         coarsest = float(2.0 ** np.floor(np.log2(values.max() / 1024)))
         text = (
@@ -87,8 +87,8 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
     if alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5):
         return []  # markers stand still one by one, so that all of them may by chance
     length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
-    known = np.isfinite(length)
-    step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    finite = np.isfinite(length)
+    step = np.where(finite.any(axis=1), np.nansum(length, axis=1) / np.maximum(finite.sum(axis=1), 1), np.nan)
     usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
     # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
     moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
@@ -215,7 +215,7 @@ def jump_findings(
         return []
     usual = limit / FAST
     per = "/s" if timed else " per frame"
-    told = "{:.3g} m/s".format if timed and length == "mm" else (lambda speed: f"{1e3 * speed:.4g} {length}{per}")
+    with_unit = "{:.3g} m/s".format if timed and length == "mm" else (lambda speed: f"{1e3 * speed:.4g} {length}{per}")
     found = []
     for m, name in enumerate(names):
         frames = np.flatnonzero(np.isfinite(xyz_m[:, m, 0]))
@@ -248,7 +248,7 @@ def jump_findings(
                     kind="jump",
                     alarm=True,
                     text=f"{name!r} jumps by {1e3 * far:.4g} {length} between frames {one} and "
-                    f"{next_one} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
+                    f"{next_one} ({with_unit(speed[i])}; 99.9 % of all steps are slower than {with_unit(usual)}): "
                     f"{cause}: check these frames before filling",
                     numbers={"length": far, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),

@@ -19,9 +19,9 @@ from dask._task_spec import Task
 from dask.utils import parse_bytes
 from distributed import Client, Future, KilledWorker, LocalCluster, Status
 
-from mocap.batches.known import NoWorkers, Options, Record
-from mocap.batches.one import stated_of
+from mocap.batches.one import basic_columns
 from mocap.batches.trial import Trial
+from mocap.batches.trial_record import NoWorkers, Options, Record
 from mocap.batches.worker import TOPIC, track_here
 from mocap.errors import MocapError, shown_elsewhere
 
@@ -175,7 +175,7 @@ def tracked(
         except NoWorkers:
             raise
         except Exception:  # whatever it was, the other trials go on
-            went = Record(trial=trial.name, status="failed", error=_why(future), row=stated_of(trial)), None
+            went = Record(trial=trial.name, status="failed", error=_why(future), row=basic_columns(trial)), None
         yield went
         future.release()
     connected.unsubscribe_topic(TOPIC)

@@ -161,7 +161,7 @@ Files = Mapping[str, Mapping[Path, str]]
 
 
 def find_trials(
-    sources: Sequence[str | Path], *, stated: Mapping[str, Any] | None = None, out: Path | None = None
+    sources: Sequence[str | Path], *, arguments: Mapping[str, Any] | None = None, out: Path | None = None
 ) -> list[Trial]:
     """The trials of folders, patterns and manifests.
 
@@ -175,7 +175,7 @@ def find_trials(
 
     Args:
         sources: Folders, files, patterns (``**`` is any depth), and manifests (``mocap.batches.trial``).
-        stated: Arguments of ``mocap.read`` for every trial; what a manifest states of one goes before.
+        arguments: Arguments of ``mocap.read`` for every trial; what a manifest states of one goes before.
         out: The folder of results, in which no trials are looked for.
 
     Returns:
@@ -185,19 +185,19 @@ def find_trials(
         MocapError: nothing was found; the message says what was looked for, and where.
     """
     nothing = (None, [], Hints())
-    stated = {key: value for key, value in (stated or {}).items() if value not in nothing}
+    arguments = {key: value for key, value in (arguments or {}).items() if value not in nothing}
     found: list[Trial] = []
     for source in sources:
         path = Path(source)
         if is_manifest(path):
-            found += [replace(trial, stated={**stated, **trial.stated}) for trial in read_manifest(path)]
+            found += [replace(trial, arguments={**arguments, **trial.arguments}) for trial in read_manifest(path)]
         elif path.is_dir():
             above = path.resolve().parent if len(sources) > 1 else path
-            found += _in_folder(path, stated, out, root=path, above=above)
+            found += _in_folder(path, arguments, out, root=path, above=above)
         elif path.exists():
-            found += _of_files(path.parent, [path], stated)
+            found += _of_files(path.parent, [path], arguments)
         else:
-            found += _of_pattern(str(source), stated, out)
+            found += _of_pattern(str(source), arguments, out)
     if not found:
         where = ", ".join(map(str, sources)) or "nothing"
         raise MocapError(
@@ -208,7 +208,7 @@ def find_trials(
     return _named_apart(found)
 
 
-def _of_pattern(source: str, stated: Mapping[str, Any], out: Path | None) -> list[Trial]:
+def _of_pattern(source: str, arguments: Mapping[str, Any], out: Path | None) -> list[Trial]:
     """The trials of a pattern; its folder is the part before the first wildcard."""
     paths = sorted(map(Path, glob.glob(source, recursive=True)))
     if not paths:
@@ -217,17 +217,17 @@ def _of_pattern(source: str, stated: Mapping[str, Any], out: Path | None) -> lis
     fixed = Path(source).parts
     root = Path(*fixed[: next(i for i, part in enumerate(fixed) if glob.has_magic(part))] or ["."])
     files = [path for path in paths if path.is_file()]
-    found = _of_files(root, files, stated) if files else []
+    found = _of_files(root, files, arguments) if files else []
     for folder in (path for path in paths if path.is_dir()):
-        found += _in_folder(folder, stated, out, root=root)
+        found += _in_folder(folder, arguments, out, root=root)
     return found
 
 
 def _in_folder(
-    folder: Path, stated: Mapping[str, Any], out: Path | None, *, root: Path, above: Path | None = None
+    folder: Path, arguments: Mapping[str, Any], out: Path | None, *, root: Path, above: Path | None = None
 ) -> list[Trial]:
     files = list(_walk(folder, None if out is None else out.resolve()))
-    return _of_files(root, files, stated, above=above)
+    return _of_files(root, files, arguments, above=above)
 
 
 def _walk(folder: Path, out: Path | None) -> Iterator[Path]:
@@ -249,10 +249,10 @@ def _is_result(folder: Path) -> bool:
 
 
 def _of_files(
-    root: Path, files: Sequence[Path], stated: Mapping[str, Any], *, above: Path | None = None
+    root: Path, files: Sequence[Path], arguments: Mapping[str, Any], *, above: Path | None = None
 ) -> list[Trial]:
     """The trials among files below a root, which are named by the folders below ``above``; None: below the root."""
-    looked = _Looked(root=root, above=above or root, stated=stated)
+    looked = _Looked(root=root, above=above or root, arguments=arguments)
     by_folder: dict[Path, list[Path]] = {}
     for file in files:
         by_folder.setdefault(file.parent, []).append(file)
@@ -265,7 +265,7 @@ def _of_files(
         for path in own:
             if path in there["unknown"]:
                 named = _trial_name(looked.folders(folder), path.stem)
-                found.append(Trial(name=named, paths=(path,), stated=stated, skip=there["unknown"][path]))
+                found.append(Trial(name=named, paths=(path,), arguments=arguments, skip=there["unknown"][path]))
     for folder, views in _view_folders(looked, by_folder).items():
         for name, paths in _views(looked, folder, views).items():
             found.append(_trial(looked, folder, name, paths, cameras=True))
@@ -278,10 +278,10 @@ def _with_animals(trials: Sequence[Trial], folders: Sequence[Sequence[str]]) -> 
     That is the uppermost folder called by a word and a number (``bat07``), but for words that number days, trials and
     the like, if such folders of one name hold several trials somewhere: else they are the trials' own.
     """
-    told = [next(filter(_ANIMAL.fullmatch, names), "") for names in folders]
-    if max(Counter(name.casefold() for name in told if name).values(), default=0) < 2:
+    animals = [next(filter(_ANIMAL.fullmatch, names), "") for names in folders]
+    if max(Counter(name.casefold() for name in animals if name).values(), default=0) < 2:
         return list(trials)
-    return [replace(trial, animal=name) for trial, name in zip(trials, told, strict=True)]
+    return [replace(trial, animal=name) for trial, name in zip(trials, animals, strict=True)]
 
 
 def _view_folders(looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]]) -> dict[Path, list[Path]]:
@@ -296,7 +296,7 @@ def _view_folders(looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]]) -
 
 
 def _cameras(looked: "_Looked", folder: Path) -> tuple[str, ...]:
-    calibration = looked.stated.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
+    calibration = looked.arguments.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
     return () if calibration is None else camera_names(Path(calibration))
 
 
@@ -334,7 +334,7 @@ def _without_camera(stem: str, cameras: Sequence[str]) -> str:
 
 def _trial(looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], *, cameras: bool) -> Trial:
     """A trial with what lies beside it; what is stated for all goes before."""
-    own, skip = dict(looked.stated), ""
+    own, skip = dict(looked.arguments), ""
     for kind in ("calibration", "profile", "skeleton") if cameras else ("skeleton",):
         if kind in own or (kind == "profile" and "calibration" not in own):
             continue
@@ -348,7 +348,7 @@ def _trial(looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], *,
             f"{looked.root.resolve().name}: state it in the manifest, or with `calibration`"
         )
     return Trial(
-        name=_trial_name(looked.folders(folder), name or folder.name), paths=tuple(paths), stated=own, skip=skip
+        name=_trial_name(looked.folders(folder), name or folder.name), paths=tuple(paths), arguments=own, skip=skip
     )
 
 
@@ -387,19 +387,19 @@ class _Looked:
     Attributes:
         root: The highest of them.
         above: The folder below which folders are a part of trials' names.
-        stated: Arguments of ``mocap.read`` for every trial.
+        arguments: Arguments of ``mocap.read`` for every trial.
         seen: What each holds.
     """
 
     root: Path
     above: Path
-    stated: Mapping[str, Any]
+    arguments: Mapping[str, Any]
     seen: dict[Path, Files] = field(default_factory=dict)
 
     @property
     def hints(self) -> Hints:
         """How files are to be read where they do not say so themselves."""
-        return self.stated.get("hints") or Hints()
+        return self.arguments.get("hints") or Hints()
 
     def at(self, folder: Path) -> Files:
         """What a folder holds."""
@@ -453,13 +453,13 @@ def _chosen(formats: Mapping[Path, str], name: str, kind: str) -> tuple[Path | N
     return None, f"{len(paths)} files could be its {kind} ({names}): state which in the manifest"
 
 
-def write_plan(sources: Sequence[str | Path], out: Path, **stated: Any) -> tuple[Path, list[Trial], dict[str, str]]:
+def write_plan(sources: Sequence[str | Path], out: Path, **arguments: Any) -> tuple[Path, list[Trial], dict[str, str]]:
     """Find trials as ``mocap.batch`` does, read each, and write the manifest of them; nothing is tracked.
 
     Args:
         sources: As ``mocap.batch`` takes them.
         out: The file (``.csv``), or a folder, in which it is called ``manifest.csv``.
-        **stated: Arguments of ``mocap.read`` for all trials.
+        **arguments: Arguments of ``mocap.read`` for all trials.
 
     Returns:
         The file, the trials, and why some of them cannot be tracked, by their names.
@@ -467,16 +467,16 @@ def write_plan(sources: Sequence[str | Path], out: Path, **stated: Any) -> tuple
     Raises:
         MocapError: no trial was found, or the file cannot be written.
     """
-    trials = find_trials(sources, stated=stated, out=out)
+    trials = find_trials(sources, arguments=arguments, out=out)
     path = out if out.suffix.lower() == ".csv" else out / PLAN
     errors: dict[str, str] = {}
-    told = [_told(trial, errors) for trial in trials]
+    columns = [_manifest_columns(trial, errors) for trial in trials]
     with result_file(path, replace=True, inputs=[file for trial in trials for file in trial.paths]) as file:
-        write_manifest(file, trials, folder=path.parent, told=told)
+        write_manifest(file, trials, folder=path.parent, columns=columns)
     return path, trials, errors
 
 
-def _told(trial: Trial, errors: dict[str, str]) -> dict[str, object]:
+def _manifest_columns(trial: Trial, errors: dict[str, str]) -> dict[str, object]:
     """What its files hold; if they cannot be read, or it is skipped, ``errors`` gets why."""
     if trial.skip:
         errors[trial.name] = trial.skip

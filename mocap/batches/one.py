@@ -6,8 +6,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from mocap.batches.known import Options, Record, keep, key_of, known, write_record
 from mocap.batches.trial import Trial
+from mocap.batches.trial_record import Options, Record, earlier_record, keep, key_of, write_record
 from mocap.errors import MocapError, OutputError
 from mocap.io.contents import gaps
 from mocap.io.output import result_folder
@@ -32,7 +32,7 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
         OutputError: its folder cannot be written, or is in use.
         OSError: a file cannot be read.
     """
-    done = None if again else known(trial, options, out)
+    done = None if again else earlier_record(trial, options, out)
     if done is not None:
         return done
     try:
@@ -80,7 +80,7 @@ def _in_blocks(
 
 
 def _failed(trial: Trial, error: str, key: str, out: Path) -> Record:
-    record = Record(trial=trial.name, status="failed", error=error, row=stated_of(trial), key=key)
+    record = Record(trial=trial.name, status="failed", error=error, row=basic_columns(trial), key=key)
     keep(record, out / trial.name)
     return record
 
@@ -97,7 +97,7 @@ def _timeless(tracked: Tracked) -> Tracked:
     return replace(tracked, report=report, report_text=text)
 
 
-def stated_of(trial: Trial) -> dict[str, object]:
+def basic_columns(trial: Trial) -> dict[str, object]:
     """What the row of a trial holds in any case."""
     return {"animal": trial.animal, "version": version("eal-mocap")}
 
@@ -113,7 +113,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     samples, validation = report["samples"], report["validation"]
     score = validation["methods"].get(report["model"]["name"]) or validation["methods"].get("mixture") or {}
     missing = {} if "blocks" in report else gaps((tracked.tracks.status == Status.MEASURED)[None])
-    return stated_of(trial) | {
+    return basic_columns(trial) | {
         "frames": int(report["frames"]),
         "fps": _rounded(report["fps"]),
         "cameras": len(report["cameras"]),

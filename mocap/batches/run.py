@@ -16,8 +16,7 @@ import pandas as pd
 
 from eal.needs import needs
 from mocap.batches.find import find_trials
-from mocap.batches.known import NoWorkers, Options, Record, keep, key_of, known, read_record
-from mocap.batches.one import stated_of
+from mocap.batches.one import basic_columns
 from mocap.batches.summary import (
     ANGLES,
     COLUMNS,
@@ -34,6 +33,7 @@ from mocap.batches.summary import (
     write_times,
 )
 from mocap.batches.trial import Trial, some
+from mocap.batches.trial_record import NoWorkers, Options, Record, earlier_record, keep, key_of, read_record
 from mocap.cameras.origin import OriginError
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
@@ -57,7 +57,7 @@ class Progress:
     Attributes:
         done: Trials that have been finished, in this run or before.
         failed: Those of them that failed.
-        known: Those of them that had been finished before.
+        before: Those of them that had been finished before.
         total: All trials of this run that are not skipped.
         left_s: Estimate of the seconds left; None: too early to say.
         workers: What each worker is doing, by its name.
@@ -65,7 +65,7 @@ class Progress:
 
     done: int
     failed: int
-    known: int
+    before: int
     total: int
     left_s: float | None
     workers: Mapping[str, str]
@@ -166,7 +166,7 @@ def batch(
     validate: bool = True,
     seed: int = 0,
     progress: Callable[[Progress], None] = unwatched,
-    **stated: Any,
+    **arguments: Any,
 ) -> Batch:
     """Track many trials, each as ``mocap.track`` does, and go on after a bad one.
 
@@ -190,7 +190,7 @@ def batch(
         validate: Hide samples of each trial and measure how they are filled.
         seed: Which samples.
         progress: Told how far it is.
-        **stated: Arguments of ``mocap.read`` for all trials: ``fps``, ``unit``, ``calibration``, ``skeleton``, ...
+        **arguments: Arguments of ``mocap.read`` for all trials: ``fps``, ``unit``, ``calibration``, ``skeleton``, ...
 
     Raises:
         MocapError: no trial was found, the results cannot be written, or no worker is left to track (what is done is
@@ -207,7 +207,7 @@ def batch(
     if isinstance(sources, str | PathLike):
         sources = [sources]
     trials = find_trials(
-        [source if isinstance(source, str) else Path(source) for source in sources], stated=stated, out=folder
+        [source if isinstance(source, str) else Path(source) for source in sources], arguments=arguments, out=folder
     )
     # refuse to write where trials are read from: an input is never touched
     for trial in trials:
@@ -228,7 +228,7 @@ def batch(
     )
     ready = not learn or is_learned(state.todo, seed, folder)
     if ready and not again:
-        state.went |= {r.trial: r for trial in state.todo if (r := known(trial, options, folder)) is not None}
+        state.went |= {r.trial: r for trial in state.todo if (r := earlier_record(trial, options, folder)) is not None}
     state.begin()
     if state.missing:
         with state.summed_up_when_stopped():
@@ -354,7 +354,7 @@ class _State:
             Progress(
                 done=len(self.went),
                 failed=sum(record.status == "failed" for record in self.went.values()),
-                known=self.before,
+                before=self.before,
                 total=len(self.todo),
                 left_s=left,
                 workers={f"worker {self.numbers[w]}": f"{t}: {stage}" for w, (t, stage) in self.doing.items()},
@@ -380,7 +380,7 @@ class _State:
         for trial in self.trials:
             record = self.went.get(trial.name)
             if trial.skip:
-                record = Record(trial=trial.name, status="skipped", error=trial.skip, row=stated_of(trial))
+                record = Record(trial=trial.name, status="skipped", error=trial.skip, row=basic_columns(trial))
             elif trial.name not in own:
                 record = read_record(self.out / trial.name)
             if record is not None:  # the animal may have been stated since
@@ -471,10 +471,10 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
             f"no model can be learned from these {len(used)} trials together: {error}: make batches of trials that "
             "are alike, or give `model` auto"
         ) from None
-    told = {"key": model_key(trials, seed), "learned_from": used, "left_out": left_out, "scores": model.scores}
+    record = {"key": model_key(trials, seed), "learned_from": used, "left_out": left_out, "scores": model.scores}
     with result_file(out / MODEL, replace=True) as file:
         model.write(file)
-        text = json.dumps(told, indent=1, sort_keys=True)
+        text = json.dumps(record, indent=1, sort_keys=True)
         file.with_name(OF).write_text(text + "\n", encoding="utf-8")
 
 

@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from mocap.batches.find import DATA
-from mocap.batches.known import Record
 from mocap.batches.trial import some
+from mocap.batches.trial_record import Record
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.csv_table import as_cell, from_cell
@@ -56,7 +56,7 @@ SHOWN = {
     "longest_gap_frames": "longest gap (frames)",
     "filled": "filled samples",
     "residual_px": "residual (px)",
-    "rmse_mm": "error on hidden samples (mm)",
+    "rmse_mm": "held-out error (mm)",
     "coverage95": "inside 95 % intervals (%)",
     "warnings": "warnings",
     "seconds": "time (s)",
@@ -167,8 +167,8 @@ def page(records: Sequence[Record], seconds: Mapping[str, float]) -> str:
 def counted(records: Sequence[Record]) -> str:
     """``100 trials: 90 done, 8 failed, 2 skipped``."""
     count = {status: sum(r.status == status for r in records) for status in ("done", "failed", "skipped")}
-    told = ", ".join(f"{number} {status}" for status, number in count.items() if number)
-    return f"{len(records)} trial{'' if len(records) == 1 else 's'}: {told or 'none finished yet'}"
+    numbers = ", ".join(f"{number} {status}" for status, number in count.items() if number)
+    return f"{len(records)} trial{'' if len(records) == 1 else 's'}: {numbers or 'none finished yet'}"
 
 
 def reasons(errors: Mapping[str, str]) -> list[str]:
@@ -195,12 +195,12 @@ def summed(records: Sequence[Record]) -> str:
     """Medians over the trials that were tracked, and coverage of all hidden samples together."""
     rows = [r.row for r in records if r.status == "done"]
     found = []
-    for name, text in (("residual_px", "residual {:.2f} px"), ("rmse_mm", "error on hidden samples {:.2f} mm")):
+    for name, text in (("residual_px", "residual {:.2f} px"), ("rmse_mm", "held-out error {:.2f} mm")):
         values = [float(str(row[name])) for row in rows if row.get(name) is not None]
         if values:
             found.append(f"median {text.format(np.median(values))}")
-    known = [(r["hidden_samples"], r["coverage95"]) for r in rows if r.get("coverage95") is not None]
-    hidden, inside = np.array(known, dtype=float).reshape(-1, 2).T
+    scores = [(r["hidden_samples"], r["coverage95"]) for r in rows if r.get("coverage95") is not None]
+    hidden, inside = np.array(scores, dtype=float).reshape(-1, 2).T
     if hidden.sum() > 0:
         share = (hidden * inside).sum() / hidden.sum()
         found.append(f"{share:.1f} % of {hidden.sum():.0f} hidden samples inside 95 % intervals")

@@ -51,14 +51,14 @@ class Trial:
     Attributes:
         name: Unique in the batch; its result is written to the folder of this name below the results.
         paths: The file of its tracks; several: the pixel files of its views, a camera each.
-        stated: Arguments of ``mocap.read`` (``STATED``, and ``hints``) that are given for it.
+        arguments: Arguments of ``mocap.read`` (``STATED``, and ``hints``) that are given for it.
         animal: Whose trial it is; empty: not stated.
         skip: Why it is not tracked; empty: it is.
     """
 
     name: str
     paths: tuple[Path, ...]
-    stated: Mapping[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=dict)
     animal: str = ""
     skip: str = ""
 
@@ -68,7 +68,7 @@ class Trial:
         Raises:
             MocapError: they cannot be read.
         """
-        return read(list(self.paths), **self.stated)
+        return read(list(self.paths), **self.arguments)
 
 
 def some(names: Sequence[str]) -> str:
@@ -149,16 +149,16 @@ def _trial(path: Path, number: int, cells: dict[str, str]) -> Trial:
     where = f"{path.name}: line {number}"
     if not files:
         raise FormatError(f"{where}: names no file in the column path")
-    stated: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for title, kind in STATED.items():
         if not (cell := cells.get(title, "")):
             continue
         try:
             if kind is Path:
                 files_of = [path.parent / one.strip() for one in cell.split(BETWEEN)]
-                stated[title] = files_of[0] if len(files_of) == 1 else files_of
+                arguments[title] = files_of[0] if len(files_of) == 1 else files_of
             else:
-                stated[title] = kind(cell)
+                arguments[title] = kind(cell)
         except ValueError:
             kinds = "yes or no" if kind is yes else "a number"
             raise FormatError(f"{where}: {title} {cell!r} is not {kinds}") from None
@@ -168,7 +168,7 @@ def _trial(path: Path, number: int, cells: dict[str, str]) -> Trial:
     except MocapError as error:
         raise FormatError(f"{where}: {error}") from None
     return Trial(
-        name=name, paths=tuple(files), stated=stated, animal=cells.get("animal", ""), skip=cells.get("skip", "")
+        name=name, paths=tuple(files), arguments=arguments, animal=cells.get("animal", ""), skip=cells.get("skip", "")
     )
 
 
@@ -184,7 +184,7 @@ def check_name(name: str) -> None:
 
 
 def write_manifest(
-    path: Path, trials: Sequence[Trial], *, folder: Path, told: Sequence[dict[str, object]] = ()
+    path: Path, trials: Sequence[Trial], *, folder: Path, columns: Sequence[dict[str, object]] = ()
 ) -> None:
     """Write the manifest of trials, with paths relative to ``folder``, and what was found in files (``TOLD``)."""
     with path.open("w", encoding="utf-8", newline="") as stream:
@@ -198,9 +198,9 @@ def write_manifest(
                 trial.skip,
             ]
             for title in STATED:
-                value = trial.stated.get(title, "")
+                value = trial.arguments.get(title, "")
                 several = value if isinstance(value, list | tuple) else [value]
                 texts = [relative(Path(v), folder) if STATED[title] is Path and v != "" else str(v) for v in several]
                 cells.append(BETWEEN.join(texts))
-            cells += [told[i].get(title, "") if told else "" for title in TOLD]
+            cells += [columns[i].get(title, "") if columns else "" for title in TOLD]
             writer.writerow(cells)

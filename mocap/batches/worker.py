@@ -7,9 +7,9 @@ from time import perf_counter
 
 from distributed import get_worker
 
-from mocap.batches.known import Options, Record
 from mocap.batches.one import track_trial
 from mocap.batches.trial import Trial
+from mocap.batches.trial_record import Options, Record
 
 TOPIC = "mocap-batch"
 """Under which workers say what they do."""
@@ -22,7 +22,7 @@ def dask_setup(_worker: object) -> None:
 
 
 def track_here(trial: Trial, options: Options, out: Path, again: bool) -> tuple[Record, float]:
-    """How a trial went, and the seconds that it took; each stage is told under ``TOPIC``."""
+    """How a trial went, and the seconds that it took; each stage is told once under ``TOPIC``."""
     worker = get_worker()
 
     def tell(stage: str) -> None:
@@ -32,11 +32,11 @@ def track_here(trial: Trial, options: Options, out: Path, again: bool) -> tuple[
     # tells each stage once
     last = ""
 
-    def told(stage: str, _share: float) -> None:
+    def tell_once(stage: str, _share: float) -> None:
         nonlocal last
         if stage != last:
             last = stage
             tell(stage)
 
-    record = track_trial(trial, options, out, again=again, progress=told)
+    record = track_trial(trial, options, out, again=again, progress=tell_once)
     return record, perf_counter() - begun

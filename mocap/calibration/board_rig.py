@@ -27,13 +27,13 @@ class BoardCalibration:
     Attributes:
         cameras: The C cameras.
         world_frame: Instant whose board is the world's x-y plane, origin at its first corner, z towards the viewer.
-        intrinsics: How each lens was chosen, by pictures of its camera alone.
+        intrinsics: How each lens was chosen, by images of its camera alone.
         f_sd_px: (C,) standard deviations of the focal lengths.
         rms_px: Root mean square error of all corners.
         camera_px: Root mean square and median error by camera.
         image_px: Root mean square error by camera and instant.
-        no_ray: Share of each picture that no ray reaches.
-        left_out: Pictures that agree with no other (camera, instant), which the rig was not fitted to.
+        no_ray: Share of each image that no ray reaches.
+        left_out: Images that agree with no other (camera, instant), which the rig was not fitted to.
         T_world_from_board: By instant, (4, 4) places of the board.
     """
 
@@ -69,19 +69,17 @@ def calibrate_boards(
         progress: Told of each stage.
 
     Raises:
-        CalibrationError: too few pictures, no chain between the cameras, or a result that cannot be.
+        CalibrationError: too few images, no chain between the cameras, or a result that cannot be.
     """
     names = list(views)
     intrinsics = []
     for name in names:
         if lenses is not None:
-            intrinsics.append(_held(lenses, name))
+            intrinsics.append(_fixed_lens(lenses, name))
             continue
         found = fit_intrinsics(list(views[name].corners.values()), views[name].size_px, name=name, choices=choices)
         intrinsics.append(found)
-        progress(
-            f"{name}: {found.choice} lens, f {found.lens.f_px[0]:.1f} px, {found.rms_px:.3f} px on its own pictures"
-        )
+        progress(f"{name}: {found.choice} lens, f {found.lens.f_px[0]:.1f} px, {found.rms_px:.3f} px on its own images")
     seen = {}
     for i, name in enumerate(names):
         for stem, corners in views[name].corners.items():
@@ -110,7 +108,7 @@ def calibrate_boards(
     return _result(adjusted, sightings, pictures, views, tuple(intrinsics), stems, world_frame, left_out)
 
 
-def _held(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
+def _fixed_lens(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
     if name not in lenses:
         raise CalibrationError(f"camera {name!r} has no known lens: there are {', '.join(map(repr, lenses))}")
     return Intrinsics(lens=lenses[name], choice="known", held_out_px={}, f_sd_px=0.0, rms_px=0.0, cov=np.zeros((0, 0)))
@@ -152,14 +150,14 @@ def _apart(a: Array, b: Array, turn: Array | None, view: Array) -> tuple[float, 
     return min(off), int(np.argmin(off)) == 1
 
 
-def _world(asked: str | None, stems: Sequence[str], seen: Mapping[tuple[int, str], Array]) -> str:
-    if asked is None:
+def _world(requested: str | None, stems: Sequence[str], seen: Mapping[tuple[int, str], Array]) -> str:
+    if requested is None:
         return max(stems, key=lambda s: sum(t == s for _, t in seen))
-    if asked not in stems:
+    if requested not in stems:
         raise CalibrationError(
-            f"no camera sees the board in the world frame {asked!r}: choose one of {', '.join(stems[:20])}"
+            f"no camera sees the board in the world frame {requested!r}: choose one of {', '.join(stems[:20])}"
         )
-    return asked
+    return requested
 
 
 def _sightings(
@@ -238,7 +236,7 @@ def _refuse(result: BoardCalibration, views: Mapping[str, BoardViews]) -> None:
     """What no rig of real cameras is.
 
     Raises:
-        CalibrationError: a lens that cannot be, a focal length that the pictures do not determine, errors far above
+        CalibrationError: a lens that cannot be, a focal length that the images do not determine, errors far above
             those of finding corners, or two cameras in one place.
     """
     for camera, sd in zip(result.cameras, result.f_sd_px, strict=True):
@@ -247,15 +245,15 @@ def _refuse(result: BoardCalibration, views: Mapping[str, BoardViews]) -> None:
             raise CalibrationError(f"camera {name!r}: its lens {trouble}: film the board at more places and tilts")
         if sd > 0.03 * camera.lens.f_px[0]:
             raise CalibrationError(
-                f"camera {name!r}: the pictures do not determine its focal length ({camera.lens.f_px[0]:.0f} +- "
+                f"camera {name!r}: the images do not determine its focal length ({camera.lens.f_px[0]:.0f} +- "
                 f"{sd:.0f} px)"
-                ": tilt the board by 30 degrees or more in some pictures"
+                ": tilt the board by 30 degrees or more in some images"
             )
         median = result.camera_px[name][1]
         if median > 2e-3 * max(size):
             raise CalibrationError(
                 f"camera {name!r}: the median error of corners is {median:.1f} px, where their detection is "
-                "accurate to tenths of a pixel: check that pictures taken at the same time have the same name, "
+                "accurate to tenths of a pixel: check that images taken at the same time have the same name, "
                 "none is mirrored or cropped, and the board is flat"
             )
     for i, a in enumerate(result.cameras):
@@ -263,5 +261,5 @@ def _refuse(result: BoardCalibration, views: Mapping[str, BoardViews]) -> None:
             size = np.linalg.norm(a.position_m) + np.linalg.norm(b.position_m)
             if np.linalg.norm(a.position_m - b.position_m) < 1e-6 * size:
                 raise CalibrationError(
-                    f"cameras {b.name!r} and {a.name!r} are at the same place: are their pictures the same files?"
+                    f"cameras {b.name!r} and {a.name!r} are at the same place: are their images the same files?"
                 )

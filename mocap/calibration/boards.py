@@ -12,7 +12,7 @@ from mocap.errors import CalibrationError
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Corners:
-    """The corners of a board that one picture shows.
+    """The corners of a board that one image shows.
 
     Attributes:
         ids: (n,) numbers of the corners on their board.
@@ -66,7 +66,7 @@ class Checkerboard:
         return self.square_m * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
 
     def find(self, picture: NDArray[np.uint8]) -> Corners | None:
-        """Its corners in a grey picture; None where the whole board is not found."""
+        """Its corners in a grey image; None where the whole board is not found."""
         size = (self.columns, self.rows)
         options = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         found, uv = cv2.findChessboardCorners(picture, size, flags=options)
@@ -147,7 +147,7 @@ class Charuco:
         return np.asarray(self.board().getChessboardCorners(), dtype=float)
 
     def find(self, picture: NDArray[np.uint8]) -> Corners | None:
-        """Its corners in a grey picture; None where fewer than 6 are found, or all on one line."""
+        """Its corners in a grey image; None where fewer than 6 are found, or all on one line."""
         options = cv2.aruco.DetectorParameters()
         options.detectInvertedMarker = self.inverted
         detector = cv2.aruco.CharucoDetector(self.board(), cv2.aruco.CharucoParameters(), options)

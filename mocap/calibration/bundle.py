@@ -169,7 +169,7 @@ class _Problem:
         n_cameras = self.n_cameras = len(scene.cameras)
         self.coefficients = [np.flatnonzero(c) for c in free.coefficients or [()] * n_cameras]
         self.n_focal = {"none": 0, "one": 1, "two": 2}[free.focal]
-        self.pose = [6 if i != free.held else 0 for i in range(n_cameras)]
+        self.pose = [6 if i != free.fixed else 0 for i in range(n_cameras)]
         lens = [self.n_focal + 2 * free.centre + len(c) for c in self.coefficients]
         self.start = self.n_bodies * self.body_size + np.cumsum([0, *np.add(self.pose, lens)])
         self.mine = [np.flatnonzero(sightings.camera == i) for i in range(n_cameras)]
@@ -291,11 +291,11 @@ class _Problem:
     def lens_covariance(self, scene: Scene, sd: float, minimum: Minimum[Scene]) -> tuple[Array, ...]:
         """Covariance of the free numbers of each lens, from the inverse normal matrix.
 
-        Errors of one picture of a board are not independent (a board bends, its corners are blurred alike). With one
+        Errors of one image of a board are not independent (a board bends, its corners are blurred alike). With one
         camera C is therefore widened by one factor for all its numbers, tr(C sum_b g_b g_b^T) over what that is for
-        independent errors, where it is above 1 (the sandwich of Liang & Zeger 1986, without the bias of few pictures,
-        as Bell & McCaffrey 2002): g_b = L_b^T W r_b is the score of picture b (that of its pose is 0 at the minimum),
-        and of independent errors g_b has covariance A_b - A_b C A_b, A_b what the picture tells of the lens.
+        independent errors, where it is above 1 (the sandwich of Liang & Zeger 1986, without the bias of few images,
+        as Bell & McCaffrey 2002): g_b = L_b^T W r_b is the score of image b (that of its pose is 0 at the minimum),
+        and of independent errors g_b has covariance A_b - A_b C A_b, A_b what the image tells of the lens.
         """
         numbers = [np.arange(a + p, b) for a, b, p in zip(self.start[:-1], self.start[1:], self.pose, strict=True)]
         every = np.concatenate(numbers)
@@ -326,9 +326,11 @@ class _Problem:
             scaled = slopes[rows].toarray() * root[rows, None]
             lens, pose = scaled[:, at], scaled[:, self.body_size * body : self.body_size * (body + 1)]
             lens = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
-            score, told = lens.T @ (root[rows] * residual[rows]), lens.T @ lens
+            score, information = lens.T @ (root[rows] * residual[rows]), lens.T @ lens
             found += float(score @ covariance @ score)
-            expected += float(np.trace(covariance @ told) - np.trace(covariance @ told @ covariance @ told))
+            expected += float(
+                np.trace(covariance @ information) - np.trace(covariance @ information @ covariance @ information)
+            )
         return found / expected
 
 

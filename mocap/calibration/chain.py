@@ -52,15 +52,15 @@ def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tupl
     found: dict[int, Array] = {i: np.eye(4), j: T}
     while len(found) < n:
         points = _points(found, xy)
-        known = np.isfinite(points[:, 0])
-        counts = {c: int(np.count_nonzero(seen[c] & known)) for c in range(n) if c not in found}
+        finite = np.isfinite(points[:, 0])
+        counts = {c: int(np.count_nonzero(seen[c] & finite)) for c in range(n) if c not in found}
         c = max(counts, key=lambda c: counts[c])
         if counts[c] < 6:
             raise CalibrationError(
                 f"camera {names[c]!r} shares {counts[c]} points with the others and needs 6: film the wand in its "
                 "view again"
             )
-        found[c] = _placed(points, xy[c], seen[c] & known, 8 / f_px[c], names[c])
+        found[c] = _placed(points, xy[c], seen[c] & finite, 8 / f_px[c], names[c])
     return [found[c] for c in range(n)], _points(found, xy)
 
 
@@ -158,7 +158,7 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
     """(C) transforms of the first camera's axes to each camera's, along the pairs with most instants in common.
 
     Raises:
-        CalibrationError: the cameras fall into groups that share no instant, or pictures of one name are not of one.
+        CalibrationError: the cameras fall into groups that share no instant, or images of one name are not of one.
     """
     n = len(names)
     pairs = {(i, j): p for i in range(n) for j in range(n) if i != j and (p := pair_of(seen, i, j, turn)) is not None}
@@ -170,17 +170,17 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
             rest = ", ".join(repr(names[i]) for i in sorted(found))
             raise CalibrationError(
                 f"cameras {lost} never see the board at the same time as any of {rest}: film the board where both "
-                "see it, or give pictures taken at the same time the same name"
+                "see it, or give images taken at the same time the same name"
             )
         _, i, j = max(edges)
         pose, agree, common = pairs[-i, -j]
-        # of four instants or more half agree where pictures were taken at one time
+        # of four instants or more half agree where images were taken at one time
         if common >= 4 and agree < 0.5 * common:
             raise CalibrationError(
                 f"the boards of one name do not fit one scene: not of one instant? {names[-i]!r} and {names[-j]!r} "
                 f"share {common} names, and at most {agree} of them agree on how the cameras stand: if "
-                "each camera's pictures were taken by themselves, use mocap calibrate lenses, then mocap calibrate "
-                "places; else give pictures taken at the same time the same name"
+                "each camera's images were taken by themselves, use mocap calibrate lenses, then mocap calibrate "
+                "places; else give images taken at the same time the same name"
             )
         found[-j] = pose @ found[-i]
     return [found[i] for i in range(n)]

@@ -1,4 +1,4 @@
-"""Finding a board in all pictures of all cameras."""
+"""Finding a board in all images of all cameras."""
 
 import re
 from collections import defaultdict
@@ -17,21 +17,21 @@ KINDS = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"})
 
 
 def pictures_of(folder: Path, *, instants: bool = True) -> dict[str, dict[str, Path]]:
-    """Pictures by camera and by instant.
+    """Images by camera and by instant.
 
-    Two layouts are known: a folder a camera, pictures anywhere below it, and one folder with all pictures named by
-    camera and number (``left07.jpg``). Pictures of one instant have one name, but for the name of the camera in front.
+    Two layouts are known: a folder a camera, images anywhere below it, and one folder with all images named by
+    camera and number (``left07.jpg``). Images of one instant have one name, but for the name of the camera in front.
 
     Args:
         folder: Where they are.
-        instants: Whether names state instants; else every picture counts by itself, and is named by its path.
+        instants: Whether names state instants; else every image counts by itself, and is named by its path.
 
     Raises:
-        CalibrationError: there are no pictures, or their names do not tell the cameras apart.
+        CalibrationError: there are no images, or their names do not tell the cameras apart.
     """
     files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in KINDS and p.is_file())
     if not files:
-        raise CalibrationError(f"{folder}: no pictures here; expected <camera>/<frame>.png or <camera><frame>.png")
+        raise CalibrationError(f"{folder}: no images here; expected <camera>/<frame>.png or <camera><frame>.png")
     found: dict[str, dict[str, Path]] = defaultdict(dict)
     for path in files:
         inside = path.relative_to(folder)
@@ -48,13 +48,13 @@ def pictures_of(folder: Path, *, instants: bool = True) -> dict[str, dict[str, P
         if not instants:
             stem = Path(*inside.parts[len(inside.parts) > 1 :]).as_posix()
         if stem in found[camera]:
-            raise CalibrationError(f"{path}: camera {camera!r} has two pictures of frame {stem!r}: remove one")
+            raise CalibrationError(f"{path}: camera {camera!r} has two images of frame {stem!r}: remove one")
         found[camera][stem] = path
     return _numbered(dict(found)) if instants else dict(found)
 
 
 def _numbered(found: dict[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:
-    """Instants by the number that ends their names, where that alone pairs more pictures (clocks in names differ)."""
+    """Instants by the number that ends their names, where that alone pairs more images (clocks in names differ)."""
     numbers = {
         camera: {m[0]: path for stem, path in files.items() if (m := re.search(r"\d+$", stem))}
         for camera, files in found.items()
@@ -65,14 +65,14 @@ def _numbered(found: dict[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
-    """A picture in shades of grey.
+    """An image in shades of grey.
 
     Raises:
         CalibrationError: it cannot be read.
     """
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if picture is None:
-        raise CalibrationError(f"{path}: not a picture that can be read: remove it or save it again")
+        raise CalibrationError(f"{path}: not an image that can be read: remove it or save it again")
     return np.asarray(picture, dtype=np.uint8)
 
 
@@ -83,7 +83,7 @@ class BoardViews:
     Attributes:
         size_px: Width and height of its pictures.
         corners: By instant, where the board was found.
-        missed: Instants of pictures in which it was not.
+        missed: Instants of images in which it was not.
     """
 
     size_px: tuple[int, int]
@@ -93,11 +93,11 @@ class BoardViews:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pictures:
-    """Pictures of one camera, read when they are asked for.
+    """Images of one camera, read when they are asked for.
 
     Attributes:
         labels: Their names.
-        read: Increasing numbers of pictures to these, in shades of grey.
+        read: Increasing numbers of images to these, in shades of grey.
     """
 
     labels: tuple[str, ...]
@@ -105,7 +105,7 @@ class Pictures:
 
 
 def of_files(files: Mapping[str, Path]) -> Pictures:
-    """Pictures that are files, by label."""
+    """Images that are files, by label."""
     paths = list(files.values())
     return Pictures(labels=tuple(files), read=lambda wanted: (read_grey(paths[i]) for i in wanted))
 
@@ -119,7 +119,7 @@ def detect(
     """Find a board.
 
     Args:
-        pictures: Files by camera and instant, or pictures that are read otherwise.
+        pictures: Files by camera and instant, or images that are read otherwise.
         board: The board; of a ChArUco board, the print (legacy, negative) is found out from some pictures.
         progress: Told of each camera.
 
@@ -127,7 +127,7 @@ def detect(
         The board as printed, and the views of each camera.
 
     Raises:
-        CalibrationError: a camera's pictures have several sizes, or the board is in none of any camera.
+        CalibrationError: a camera's images have several sizes, or the board is in none of any camera.
     """
     sources = {c: p if isinstance(p, Pictures) else of_files(p) for c, p in pictures.items()}
     if isinstance(board, Charuco):
@@ -145,18 +145,18 @@ def detect(
         if len(sizes) > 1:
             (a, first), (b, other) = list(sizes.items())[:2]
             raise CalibrationError(
-                f"camera {camera!r}: picture {first!r} is {a[0]}x{a[1]}, {other!r} is {b[0]}x{b[1]}: calibrate with "
-                "pictures of one size, uncropped"
+                f"camera {camera!r}: image {first!r} is {a[0]}x{a[1]}, {other!r} is {b[0]}x{b[1]}: calibrate with "
+                "images of one size, uncropped"
             )
         views[camera] = BoardViews(size_px=next(iter(sizes)), corners=corners, missed=tuple(missed))
-        progress(f"{camera}: board found in {len(corners)} of {len(source.labels)} pictures")
+        progress(f"{camera}: board found in {len(corners)} of {len(source.labels)} images")
     if not any(v.corners for v in views.values()):
         squares = f"{board.columns}x{board.rows}"
         what = f"a checkerboard of {squares} inner corners"
         if isinstance(board, Charuco):
             what = f"a ChArUco board of {squares} squares with markers of {board.dictionary}"
         raise CalibrationError(
-            f"no picture shows {what}: check the numbers (inner corners of a checkerboard, squares of a "
+            f"no image shows {what}: check the numbers (inner corners of a checkerboard, squares of a "
             "ChArUco board) and the dictionary"
         )
     return board, views

@@ -74,7 +74,7 @@ def fit_dlt(name: str, xyz_m: Array, uv_px: Array) -> DltFit:
     # pixels that what lies between known points moves by where a click misses by 1 px. Of 100 cameras each: 6 random
     # points 2.5 (median), 20 (99 %); 12 of which all but one lie in a plane to 1/1000 of its size 73 (median)
     if found is None or found[1] > 20.0:
-        how = "" if found is None else f" (a click that misses by 1 px moves points between them by {found[1]:.0f} px)"
+        how = "" if found is None else f" (an error of 1 px moves points between them by {found[1]:.0f} px)"
         raise CalibrationError(
             f"camera {name!r}: its {places} known points do not determine the coefficients{how}, as where all but one "
             "lie in a plane, or some nearly in one place: add points that span the volume"

@@ -1,4 +1,4 @@
-"""The lens of one camera from its views of a board; the lens model is chosen on pictures left out of the fit."""
+"""The lens of one camera from its views of a board; the lens model is chosen on images left out of the fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,10 +32,10 @@ class Intrinsics:
     Attributes:
         lens: The lens.
         choice: Its name in ``CHOICES``.
-        held_out_px: Root mean square error on pictures held out, by choice; inf where a model failed; empty where there
+        held_out_px: Root mean square error on images held out, by choice; inf where a model failed; empty where there
             was one choice.
         f_sd_px: Standard deviation of its focal length.
-        cov: (k, k) covariance of fx, fy, cx, cy and the free coefficients; errors of one picture go together.
+        cov: (k, k) covariance of fx, fy, cx, cy and the free coefficients; errors of one image go together.
         rms_px: Root mean square error on all pictures.
     """
 
@@ -63,10 +63,10 @@ def fit_intrinsics(
 ) -> Intrinsics:
     """Fit lens models and choose.
 
-    Every model is fitted with a quarter of the pictures left out, whose boards are then placed with that lens; what is
+    Every model is fitted with a quarter of the images left out, whose boards are then placed with that lens; what is
     left there counts (each corner's error up to five median ones, so that a corner found wrongly does not choose). The
-    first model is taken that no other beats by more than 3 % and by one standard error over the pictures; a lens
-    that folds in the corners of the picture only where every other is 5 % worse.
+    first model is taken that no other beats by more than 3 % and by one standard error over the images; a lens
+    that folds in the corners of the image only where every other is 5 % worse.
 
     Args:
         views: Corners of the pictures.
@@ -75,11 +75,11 @@ def fit_intrinsics(
         choices: Names in ``CHOICES``.
 
     Raises:
-        CalibrationError: too few pictures, or no model gives a lens that can be.
+        CalibrationError: too few images, or no model gives a lens that can be.
     """
     if len(views) < FEWEST_PICTURES:
         raise CalibrationError(
-            f"camera {name!r}: the board was found in {len(views)} pictures, and {FEWEST_PICTURES} are needed: film it "
+            f"camera {name!r}: the board was found in {len(views)} images, and {FEWEST_PICTURES} are needed: film it "
             "at more places and tilts"
         )
     fits, errors, failures = {}, {}, []
@@ -106,13 +106,11 @@ def fit_intrinsics(
 
 
 def _held_out(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: str) -> Array:
-    """(n,) mean squared error of each picture with a lens that was fitted without it."""
+    """(n,) mean squared error of each image with a lens that was fitted without it."""
     shape = [np.append(v.uv_px.mean(axis=0), v.uv_px.std(axis=0)) for v in views]
-    pose = distinct(np.stack(shape), within=CLICK_PX)  # pictures of a board that lies still are left out together
+    pose = distinct(np.stack(shape), within=CLICK_PX)  # images of a board that lies still are left out together
     if not pose.any():
-        raise CalibrationError(
-            f"camera {name!r}: the board lies still in all pictures: film it at more places and tilts"
-        )
+        raise CalibrationError(f"camera {name!r}: the board lies still in all images: film it at more places and tilts")
     part = pose % min(4, pose.max() + 1)
     out = np.empty(len(views))
     for fold in range(part.max() + 1):
@@ -126,7 +124,7 @@ def _chosen(models: dict[str, tuple[Array, float]]) -> str:
     """The first model that none beats clearly; one that has a ray for every pixel, where it costs at most 5 %.
 
     Args:
-        models: Each picture's held-out error, and the share of the picture without a ray; the preferred first.
+        models: Each image's held-out error, and the share of the image without a ray; the preferred first.
     """
     level = {c: float(np.sqrt(np.mean(e**2))) for c, (e, _) in models.items()}
     best = min(level, key=lambda c: level[c])
@@ -167,7 +165,7 @@ def place(corners: Corners, lens: Lens) -> tuple[Array, Array] | None:
 
 
 def _placed_error(corners: Corners, lens: Lens) -> float:
-    """Mean squared error of a picture's corners, its board placed with a lens; errors count up to five medians."""
+    """Mean squared error of an image's corners, its board placed with a lens; errors count up to five medians."""
     placed = place(corners, lens)
     if placed is None:
         return float("inf")
@@ -177,7 +175,7 @@ def _placed_error(corners: Corners, lens: Lens) -> float:
 
 
 def _fit(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: str) -> Adjusted:
-    """One model fitted to pictures: Zhang's focal length, one coefficient, then all of them.
+    """One model fitted to images: Zhang's focal length, one coefficient, then all of them.
 
     Raises:
         CalibrationError: boards cannot be placed, or the lens is none that can be.
@@ -232,13 +230,13 @@ def _focal(views: Sequence[Corners], size_px: tuple[int, int]) -> float:
 
 
 def without_ray(lens: Lens, size_px: tuple[int, int]) -> float:
-    """Share of a picture that no ray reaches, because the lens folds there (boards were not filmed so far out)."""
+    """Share of an image that no ray reaches, because the lens folds there (boards were not filmed so far out)."""
     u, v = np.meshgrid(np.linspace(0, size_px[0] - 1, 41), np.linspace(0, size_px[1] - 1, 41))
     return float(np.isnan(lens.undistort(np.stack([u, v], axis=-1))[..., 0]).mean())
 
 
 def lens_trouble(lens: Lens, size_px: tuple[int, int]) -> str | None:
-    """Why a lens cannot be that of pictures of a size; None where it can."""
+    """Why a lens cannot be that of images of a size; None where it can."""
     share = np.asarray(lens.centre_px) / np.asarray(size_px)
     if (np.abs(share - 0.5) > 0.3).any():
         return f"has its principal point at ({lens.centre_px[0]:.0f}, {lens.centre_px[1]:.0f}) px, far from the middle"
@@ -246,5 +244,5 @@ def lens_trouble(lens: Lens, size_px: tuple[int, int]) -> str | None:
     if not 0.8 < aspect < 1.25:
         return f"has pixels {aspect:.2f} times as wide as high"
     if not 0.15 * max(size_px) < lens.f_px[0] < 100 * max(size_px):
-        return f"has a focal length of {lens.f_px[0]:.0f} px for pictures {max(size_px)} px wide"
+        return f"has a focal length of {lens.f_px[0]:.0f} px for images {max(size_px)} px wide"
     return None

@@ -113,8 +113,8 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     def by_stretches(whole: Array) -> tuple[float, Array]:
         """The residual of stretches left out, and (BLOCKS, C) coefficients without each."""
         parts = [_fitted(lenses, matrices, u, whole) for u in kept]
-        held = [misses(matrices, _straight(lenses, u, _each(k, n))) for k, u in zip(parts, left, strict=True)]
-        return _median(held), np.stack([_each(k, n) for k in parts])
+        left_out = [misses(matrices, _straight(lenses, u, _each(k, n))) for k, u in zip(parts, left, strict=True)]
+        return _median(left_out), np.stack([_each(k, n) for k in parts])
 
     best = _fitted(lenses, matrices, uv, np.zeros(1))
     after, parts = by_stretches(best)
@@ -130,15 +130,15 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     k1, sd = _each(best, n), np.sqrt(np.diag(cov))
     if not after < 0.97 * before:
         raise CalibrationError(
-            f"`fit_lens`: no lens makes the rays meet better: the median residual of stretches left out of the fit is "
-            f"{after:.2f} px with k1 {k1[0]:.3f} and {before:.2f} px without: leave it out"
+            f"`fit_lens`: no lens reduces the reprojection error: the median residual of stretches left out of the "
+            f"fit is {after:.2f} px with k1 {k1[0]:.3f} and {before:.2f} px without: leave it out"
         )
     # undetermined, or stronger than any lens
     if (sd > np.maximum(0.03, np.abs(k1) / 3)).any() or (np.abs(k1) > 0.6).any():
         worst = int(np.argmax(sd))
         raise CalibrationError(
             f"`fit_lens`: this recording does not determine the lens (camera {cameras[worst].name!r}: k1 "
-            f"{k1[worst]:.2f} ± {sd[worst]:.2f}): the animal must be seen in all parts of the pictures; give the "
+            f"{k1[worst]:.2f} ± {sd[worst]:.2f}): the animal must be seen in all parts of the images; give the "
             "profile, or film a board: mocap calibrate lenses"
         )
     return TrackLens(lenses=tuple(lenses), k1=k1, cov=cov, before_px=before, after_px=after, by_camera=len(best) > 1)

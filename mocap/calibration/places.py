@@ -81,7 +81,7 @@ def place_cameras(
     Raises:
         CalibrationError: too few points, pixels that do not belong to them, or points that leave a place open.
     """
-    found = [place_camera(known, xyz_m, uv, labels=labels) for known, uv in zip(lenses, uv_px, strict=True)]
+    found = [place_camera(lens, xyz_m, uv, labels=labels) for lens, uv in zip(lenses, uv_px, strict=True)]
     out = []
     for place in found:
         alike = [p for p in found if _alike(p, place)]
@@ -102,7 +102,7 @@ def _alike(a: Place, b: Place) -> bool:
     return 0.005 < float(stats.f.cdf((a.sd_px / max(b.sd_px, 1e-12)) ** 2, a.freedom, b.freedom)) < 0.995
 
 
-def place_camera(known: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequence[str] = ()) -> Place:
+def place_camera(known_lens: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequence[str] = ()) -> Place:
     """The position and orientation whose predicted pixels are nearest to the recorded ones (least squares).
 
     Starts are those of OpenCV's ``solvePnP`` (SQPnP, of Terzakis & Lourakis 2020; IPPE, of Collins & Bartoli 2014, for
@@ -111,7 +111,7 @@ def place_camera(known: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequen
     freedom, and G C G^T of the lens's covariance C, G = -(J^T J)^-1 J^T J_lens.
 
     Args:
-        known: The lens.
+        known_lens: The lens.
         xyz_m: (P, 3) known points in the world.
         uv_px: (P, 2) recorded pixels; NaN where not clicked.
         labels: (P) names of the points.
@@ -120,7 +120,7 @@ def place_camera(known: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequen
         CalibrationError: as ``place_cameras``.
     """
     labels = labels or [str(i + 1) for i in range(len(xyz_m))]
-    name = known.name
+    name = known_lens.name
     seen = np.flatnonzero(np.isfinite(uv_px).all(axis=-1) & np.isfinite(xyz_m).all(axis=-1))
     _, once = np.unique(np.concatenate([xyz_m[seen], uv_px[seen]], axis=1), axis=0, return_index=True)
     seen = seen[np.sort(once)]  # a row that is listed twice is one click
@@ -135,15 +135,15 @@ def place_camera(known: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequen
     if spread[1] < 1e-3 * spread[0]:
         raise CalibrationError(f"camera {name!r}: its known points lie on one line: add points beside it")
     used, left_out = seen, []
-    fit = _best(known, xyz_m[used], uv_px[used])
+    fit = _best(known_lens, xyz_m[used], uv_px[used])
     while len(np.unique(place[used])) > 5 and (worst := _wrong(fit)) is not None:
         left_out.append(int(used[worst]))
         used = np.delete(used, worst)
-        fit = _best(known, xyz_m[used], uv_px[used])
-    if len(left_out) > len(seen) / 4 or fit.rms_px > max(3.0, 0.005 * max(known.size_px or (0,))):
-        whole = _best(known, xyz_m[seen], uv_px[seen])
+        fit = _best(known_lens, xyz_m[used], uv_px[used])
+    if len(left_out) > len(seen) / 4 or fit.rms_px > max(3.0, 0.005 * max(known_lens.size_px or (0,))):
+        whole = _best(known_lens, xyz_m[seen], uv_px[seen])
         raise CalibrationError(
-            _misfit(known, xyz_m[seen], uv_px[seen], whole.rms_px, [str(labels[i]) for i in left_out])
+            _misfit(known_lens, xyz_m[seen], uv_px[seen], whole.rms_px, [str(labels[i]) for i in left_out])
         )
     if fit.other is not None:
         one, other = fit.camera.position_m, fit.other.position_m
@@ -151,13 +151,13 @@ def place_camera(known: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequen
             f"camera {name!r}: its {len(used)} points fit two places alike, ({_metres(one)}) and ({_metres(other)}) m: "
             "click points outside of their plane, or nearer to the camera"
         )
-    place = _place(known, xyz_m, uv_px, fit, used, tuple(left_out))
+    place = _place(known_lens, xyz_m, uv_px, fit, used, tuple(left_out))
     distance = float(np.linalg.norm(xyz_m[used].mean(axis=0) - fit.camera.position_m))
     loose = float(np.sqrt(np.trace(place.cov[:3, :3])))
     if loose > 0.1 * distance:
         raise CalibrationError(
             f"camera {name!r}: its points leave its position open by {loose:.2g} m at {distance:.2g} m: click points "
-            "that span more of its picture and of its depth"
+            "that span more of its image and of its depth"
         )
     return place
 
@@ -176,10 +176,10 @@ class _Fit:
         return _rms(self.error_px)
 
 
-def _best(known: KnownLens, xyz: Array, uv: Array) -> _Fit:
+def _best(known_lens: KnownLens, xyz: Array, uv: Array) -> _Fit:
     """The least squares place, from all starts; the second best minimum too, where its errors are as likely."""
     minima: list[tuple[float, RigCamera, Array, Array]] = []
-    for start in _starts(known, xyz, uv):
+    for start in _starts(known_lens, xyz, uv):
         best = least_squares(lambda p, s=start: (_stepped(s, p).record(xyz) - uv).ravel(), np.zeros(6), x_scale="jac")
         camera = _stepped(start, best.x)
         if ((xyz @ camera.rotation.T + camera.translation_m)[:, 2] > 0).all():
@@ -187,8 +187,8 @@ def _best(known: KnownLens, xyz: Array, uv: Array) -> _Fit:
             minima.append((float(2 * best.cost), camera, -best.fun.reshape(-1, 2), slopes))
     if not minima:
         raise CalibrationError(
-            f"camera {known.name!r} cannot be placed in front of its points: check that the pixels are in the order of "
-            "the points"
+            f"camera {known_lens.name!r} cannot be placed in front of its points: check that the pixels are in the "
+            "order of the points"
         )
     minima.sort(key=lambda m: m[0])
     cost, camera, error, slopes = minima[0]
@@ -198,13 +198,13 @@ def _best(known: KnownLens, xyz: Array, uv: Array) -> _Fit:
     return _Fit(camera=camera, error_px=error, slopes=slopes, other=apart[0] if apart else None)
 
 
-def _starts(known: KnownLens, xyz: Array, uv: Array) -> list[RigCamera]:
-    lens = known.lens
+def _starts(known_lens: KnownLens, xyz: Array, uv: Array) -> list[RigCamera]:
+    lens = known_lens.lens
     xy = np.ascontiguousarray(lens.normalised(lens.undistort(uv)))
     ok = np.isfinite(xy).all(axis=-1)
     if ok.sum() < FEWEST_POINTS:
         raise CalibrationError(
-            f"camera {known.name!r}: {np.count_nonzero(~ok)} of its pixels lie where its lens has no ray: are the "
+            f"camera {known_lens.name!r}: {np.count_nonzero(~ok)} of its pixels lie where its lens has no ray: are the "
             "lenses in the order of the pixels?"
         )
     centred = xyz[ok] - xyz[ok].mean(axis=0)
@@ -220,7 +220,13 @@ def _starts(known: KnownLens, xyz: Array, uv: Array) -> list[RigCamera]:
             rotation = np.asarray(cv2.Rodrigues(rvec)[0], dtype=float) @ axes
             shift = np.ravel(np.asarray(tvec, dtype=float)) - rotation @ xyz[ok].mean(axis=0)
             out.append(
-                RigCamera(name=known.name, lens=lens, rotation=rotation, translation_m=shift, size_px=known.size_px)
+                RigCamera(
+                    name=known_lens.name,
+                    lens=lens,
+                    rotation=rotation,
+                    translation_m=shift,
+                    size_px=known_lens.size_px,
+                )
             )
     return out
 
@@ -261,16 +267,16 @@ def _wrong(fit: _Fit) -> int | None:
 
 
 def _place(
-    known: KnownLens, xyz: Array, uv: Array, fit: _Fit, used: NDArray[np.intp], left_out: tuple[int, ...]
+    lens: KnownLens, xyz: Array, uv: Array, fit: _Fit, used: NDArray[np.intp], left_out: tuple[int, ...]
 ) -> Place:
     camera = fit.camera
     freedom = 2 * len(used) - 6
     unit = np.linalg.inv(fit.slopes.T @ fit.slopes)
     by_lens = []
-    for i in range(len(known.free)):
-        h = np.zeros(len(known.free))
-        h[i] = 1e-3 * float(np.sqrt(known.cov[i, i])) + 1e-9
-        ahead, behind = (replace(camera, lens=known.moved(s * h)).record(xyz[used]).ravel() for s in (1, -1))
+    for i in range(len(lens.free)):
+        h = np.zeros(len(lens.free))
+        h[i] = 1e-3 * float(np.sqrt(lens.cov[i, i])) + 1e-9
+        ahead, behind = (replace(camera, lens=lens.moved(s * h)).record(xyz[used]).ravel() for s in (1, -1))
         by_lens.append((ahead - behind) / (2 * h[i]))
     gain = -unit @ fit.slopes.T @ np.stack(by_lens, axis=-1) if by_lens else np.zeros((6, 0))
     return Place(
@@ -280,17 +286,17 @@ def _place(
         sd_px=max(float(np.sqrt(np.sum(fit.error_px**2) / freedom)), 1e-6),
         freedom=freedom,
         unit_cov=unit,
-        lens_cov=gain @ known.cov @ gain.T,
+        lens_cov=gain @ lens.cov @ gain.T,
     )
 
 
-def _misfit(known: KnownLens, xyz: Array, uv: Array, rms_px: float, odd: Sequence[str]) -> str:
+def _misfit(lens: KnownLens, xyz: Array, uv: Array, rms_px: float, odd: Sequence[str]) -> str:
     """Why pixels do not belong to points, as far as it can be told."""
-    start = f"camera {known.name!r}: its known points miss their pixels by {rms_px:.1f} px (root mean square)"
-    if known.size_px is not None:
-        flipped = np.array([0.0, known.size_px[1] - 1.0]) + uv * [1.0, -1.0]
+    start = f"camera {lens.name!r}: its known points have an RMS reprojection error of {rms_px:.1f} px"
+    if lens.size_px is not None:
+        flipped = np.array([0.0, lens.size_px[1] - 1.0]) + uv * [1.0, -1.0]
         try:
-            other = _best(known, xyz, flipped).rms_px
+            other = _best(lens, xyz, flipped).rms_px
         except CalibrationError:
             other = np.inf
         if other < rms_px / 3:

@@ -148,11 +148,11 @@ def _solve(
     lengths: Sequence[tuple[float, float]],
     focal: bool,
 ) -> tuple[Camera, ...]:
-    known = np.isfinite(xyz_m[..., 0])
+    finite = np.isfinite(xyz_m[..., 0])
     rig = [rig_camera(replace(c, lens=None)) for c in cameras]
-    scene, sightings, number = point_scene(rig, xyz_m.reshape(-1, 3), ideal.reshape(len(ideal), -1, 2), known.ravel())
-    number = number.reshape(known.shape)
-    both = [np.flatnonzero(known[:, b.first] & known[:, b.second]) for b in bones]
+    scene, sightings, number = point_scene(rig, xyz_m.reshape(-1, 3), ideal.reshape(len(ideal), -1, 2), finite.ravel())
+    number = number.reshape(finite.shape)
+    both = [np.flatnonzero(finite[:, b.first] & finite[:, b.second]) for b in bones]
     empty = [np.zeros(0, int)]
     fixed = Lengths(
         first=np.concatenate([number[t, b.first] for b, t in zip(bones, both, strict=True)] or empty),
@@ -163,10 +163,10 @@ def _solve(
     free = Free(focal="one" if focal else "none", centre=False)
     adjusted = adjust(scene, sightings, free=free, lengths=fixed)
     places = adjusted.scene.position_m
-    T = similarity(places, xyz_m[known], scaled=not bones)
+    T = similarity(places, xyz_m[finite], scaled=not bones)
     if bones:  # soft lengths hold the shape; the scale is that of their medians, which bones that stretch do not pull
         apart = np.linalg.norm(places[fixed.first] - places[fixed.second], axis=-1)
-        T = similarity(places * np.median(fixed.length_m / apart), xyz_m[known], scaled=False)
+        T = similarity(places * np.median(fixed.length_m / apart), xyz_m[finite], scaled=False)
         T[:3, :3] *= np.median(fixed.length_m / apart)
     moved = in_world(adjusted.scene.cameras, T)
     return tuple(replace(c, matrix=m.camera().matrix) for c, m in zip(cameras, moved, strict=True))

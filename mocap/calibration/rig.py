@@ -90,7 +90,7 @@ def rig_lens(camera: Camera) -> Lens:
 
 
 def upside_down(camera: RigCamera, height_px: float) -> RigCamera:
-    """The same camera for pixel rows counted from the other edge of the picture, v -> height - v."""
+    """The same camera for pixel rows counted from the other edge of the image, v -> height - v."""
     lens = camera.lens
     coefficients = lens.coefficients.copy()
     if not isinstance(lens, FisheyeLens):

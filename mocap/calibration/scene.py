@@ -99,14 +99,14 @@ class Free:
         centre: Whether principal points move.
         coefficients: For each camera which distortion coefficients move, in OpenCV's order; empty: none of any.
         orientation: Whether bodies turn (boards) or not (points).
-        held: Camera whose pose is held, which fixes the world frame; None: no camera is.
+        fixed: Camera whose pose is held, which fixes the world frame; None: no camera is.
     """
 
     focal: str = "two"
     centre: bool = True
     coefficients: tuple[tuple[bool, ...], ...] = ()
     orientation: bool = False
-    held: int | None = 0
+    fixed: int | None = 0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -148,15 +148,15 @@ def distinct(places: Array, *, within: float | None = None) -> NDArray[np.intp]:
             where that is nothing.
         within: Distance below which two are one, in each coordinate; None: ``SAME`` of the largest extent.
     """
-    known = np.isfinite(places)
+    finite = np.isfinite(places)
     if within is None:
-        within = SAME * float(np.ptp(places[known.all(axis=-1)], axis=0).max()) if known.all(axis=-1).any() else 0.0
+        within = SAME * float(np.ptp(places[finite.all(axis=-1)], axis=0).max()) if finite.all(axis=-1).any() else 0.0
     out = np.full(len(places), -1, dtype=np.intp)
     count = 0
     for i in range(len(places)):
         if out[i] >= 0:
             continue
-        both = known & known[i]
+        both = finite & finite[i]
         apart = np.where(both, np.abs(places - places[i]), 0.0).max(axis=-1)
         out[(out < 0) & both.any(axis=-1) & (apart <= within)] = count
         out[i] = count

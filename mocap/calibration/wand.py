@@ -178,13 +178,13 @@ def _solve(
     """Bundle adjustment of the points kept, in the frame that ``WandCalibration`` states."""
     scene, sightings, number = point_scene(start, points_m, points_px, keep)
     both = np.flatnonzero(keep[:wands] & keep[wands : 2 * wands])
-    known = Lengths(
+    wand_lengths = Lengths(
         first=number[both],
         second=number[both + wands],
         length_m=np.full(len(both), length_m),
         sd_m=np.full(len(both), sd_m),
     )
-    adjusted = adjust(scene, sightings, free=free, lengths=known)
+    adjusted = adjust(scene, sightings, free=free, lengths=wand_lengths)
     first = adjusted.scene.cameras[0]
     middle = np.median(adjusted.scene.position_m[: 2 * len(both)], axis=0)
     T_world = rigid(first.rotation, -first.rotation @ middle)

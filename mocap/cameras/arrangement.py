@@ -1,7 +1,7 @@
 """Pixels that were mirrored, shifted or given to the wrong cameras: found by how near the rays meet once it is undone.
 
 Programs count columns from the right or rows from below, write cameras in another order than they were calibrated in,
-and stack the films of several cameras above or beside one another. Each of these leaves rays that miss by tens or
+and stack the videos of several cameras above or beside one another. Each of these leaves rays that miss by tens or
 hundreds of pixels; each is tried, for every camera alone and for sets of cameras, and the one that fits is named.
 """
 
@@ -90,8 +90,8 @@ def find_arrangement(cameras: Sequence[Camera], uv_px: Array, *, height_px: floa
     """The change of pixels that makes rays meet, where they do not meet as they are.
 
     For up to six cameras every combination of mirrored axes (u, v, both), every set of cameras shifted by the height or
-    the width of a picture, and every order of the cameras is tried; groups of cameras that share no points (left and
-    right pairs) are judged apart. Where picture sizes are not known they are taken
+    the width of an image, and every order of the cameras is tried; groups of cameras that share no points (left and
+    right pairs) are judged apart. Where image sizes are not known they are taken
     from the principal point, and then found by the residual.
 
     Args:
@@ -157,7 +157,7 @@ class _Part:
     Attributes:
         cameras: The C cameras.
         uv: (C, K, 2) pixels.
-        sizes: (C, 2) picture widths and heights.
+        sizes: (C, 2) image widths and heights.
     """
 
     cameras: tuple[Camera, ...]
@@ -253,7 +253,7 @@ def _toggled(kind: str) -> str:
 
 
 def _sizes(cameras: Sequence[Camera], height_px: float | None) -> Array:
-    """(C, 2) picture widths and heights: stated, or twice the principal point."""
+    """(C, 2) image widths and heights: stated, or twice the principal point."""
     sizes = np.array([picture_size(camera) for camera in cameras])
     if height_px is not None:
         sizes[:, 1] = height_px
@@ -307,7 +307,7 @@ def _changed(uv: Array, kind: str, size: Array) -> Array:
 
 
 def _refined(median: Callable[..., float], change: _Change, known: bool, step: int) -> tuple[float, Array]:
-    """The residual of a change at the best picture size near the one assumed, and that size's factors (2,)."""
+    """The residual of a change at the best image size near the one assumed, and that size's factors (2,)."""
     from scipy.optimize import minimize_scalar
 
     stretch = np.ones(2)
@@ -358,11 +358,11 @@ def _named(
         formula = {
             "u": f"u mirrored (u -> {width:.0f} - u)",
             "v": f"v flipped (v -> {height:.0f} - v)",
-            "uv": f"turned by 180 degrees (u -> {width:.0f} - u, v -> {height:.0f} - v)",
-            "+H": f"v shifted by the picture's height (v -> v + {height:.0f})",
-            "-H": f"v shifted by the picture's height (v -> v - {height:.0f})",
-            "+W": f"u shifted by the picture's width (u -> u + {width:.0f})",
-            "-W": f"u shifted by the picture's width (u -> u - {width:.0f})",
+            "uv": f"rotated by 180 degrees (u -> {width:.0f} - u, v -> {height:.0f} - v)",
+            "+H": f"v shifted by the image's height (v -> v + {height:.0f})",
+            "-H": f"v shifted by the image's height (v -> v - {height:.0f})",
+            "+W": f"u shifted by the image's width (u -> u + {width:.0f})",
+            "-W": f"u shifted by the image's width (u -> u - {width:.0f})",
         }[kind]
         words.append(f"{formula} in {', '.join(repr(names[i]) for i in which)}")
     return Arrangement(

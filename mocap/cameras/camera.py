@@ -129,7 +129,7 @@ def pinhole_lens(camera: Camera) -> BrownLens:
 
 
 def picture_size(camera: Camera) -> Array:
-    """(2,) width and height of a camera's picture; where not known twice the principal point."""
+    """(2,) width and height of a camera's image; where not known twice the principal point."""
     return np.array(camera.size_px or 2 * decompose(camera).intrinsic[:2, 2], dtype=float)
 
 
@@ -236,13 +236,13 @@ def undistorted(cameras: Sequence[Camera], uv_px: Array, *, iterations: int | No
 
 
 def cropped_camera(camera: Camera, corner_px: Array) -> Camera:
-    """The camera whose picture is a window of another's.
+    """The camera whose image is a window of another's.
 
-    Its pixels are those of the whole picture less the corner, and so are its principal point and that of its lens; its
+    Its pixels are those of the whole image less the corner, and so are its principal point and that of its lens; its
     size is not known.
 
     Args:
-        camera: Of the whole picture.
+        camera: Of the whole image.
         corner_px: (2,) column and row of the window's upper left corner in it.
     """
     x, y = map(float, corner_px)
@@ -254,9 +254,9 @@ def cropped_camera(camera: Camera, corner_px: Array) -> Camera:
 
 
 def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:
-    """A sentence where pixels lie in one corner of the calibrated pictures, in all cameras; None where they do not.
+    """A sentence where pixels lie in one corner of the calibrated images, in all cameras; None where they do not.
 
-    Cropped films count from the corner of their window: in no camera do pixels come near the far edges. That alone
+    Cropped videos count from the corner of their window: in no camera do pixels come near the far edges. That alone
     accuses nobody (an animal may stay in a corner); it is said where rays do not meet.
 
     Args:
@@ -268,7 +268,7 @@ def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:
         return None
     reach = np.nanmax(uv.reshape(-1, 2), axis=0)
     sizes = np.array([picture_size(camera) for camera in cameras])
-    # pixels that span less of the calibrated pictures, in all cameras, may be of cropped ones
+    # pixels that span less of the calibrated images, in all cameras, may be of cropped ones
     if (reach > 0.75 * sizes.min(axis=0)).any():
         return None
     width, height = (f"{value:.0f}" for value in np.median(sizes, axis=0))
@@ -287,7 +287,7 @@ class KnownLens:
     Attributes:
         name: Of the camera.
         lens: The lens.
-        size_px: Width and height of its pictures; None: not known.
+        size_px: Width and height of its images; None: not known.
         free: (k) places among the numbers of those that were fitted; empty: the lens is taken as exact.
         cov: (k, k) their covariance.
     """

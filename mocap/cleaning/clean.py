@@ -14,11 +14,11 @@ Mask = NDArray[np.bool_]
 
 REASONS = {
     "rays_miss": "the rays of the cameras do not intersect",
-    "likelihood": "the clicks of fewer than two cameras have a likelihood at which clicks can be believed",
+    "likelihood": "fewer than two cameras have a likelihood that is high enough",
     "jump": "moves faster than is plausible for this marker",
     "duplicate": "coincides with another marker",
     "bone_length": "contradicts the length of a rigid bone",
-    "contradicted": "two rays alone, which meet away from where the motion and the other markers put it",
+    "contradicted": "two-camera points inconsistent with the motion and the other markers",
 }
 """Why a sample was rejected, by the key that reports use."""
 
@@ -72,7 +72,7 @@ def clean(
 
     slack = 4 * np.nan_to_num(_column_medians(sd_m))
     reject("jump", jumps(xyz, t_s, max_speed_m_s=limit, slack_m=slack))
-    if varying(xyz).all():  # in a picture markers pass in front of each other
+    if varying(xyz).all():  # in an image markers pass in front of each other
         reject("duplicate", duplicates(xyz, sd_m))
     else:
         rejected["duplicate"] = np.zeros(xyz.shape[:2], dtype=bool)

@@ -2,7 +2,7 @@
 
 A network or a digitiser exchanges two markers in one camera, in several, or in all, and each of them by itself. What
 the rays show of a frame is the same for a set of cameras and for its complement; in which the names are right, the
-paths of the clicks in each picture tell, as they go on smoothly where names do not change. An exchange is undone only
+paths of the clicks in each image tell, as they go on smoothly where names do not change. An exchange is undone only
 where its probability, given all frames, is close to one; where it is in between, clicks are left out and reported.
 """
 
@@ -52,7 +52,7 @@ def settle(
 
     The state of a frame is the set of cameras in which they are. Its log density: how the rays of both markers meet
     (``_fits``) and how far the markers are from the others (``_distances``), over ``SAME_ERROR_FRAMES``; from frame to
-    frame how the clicks of each move in each picture (``_moves``), less ``CHANGE`` for each camera that changes.
+    frame how the clicks of each move in each image (``_moves``), less ``CHANGE`` for each camera that changes.
     Probabilities of states follow from all frames by the forward-backward recursions (Rabiner 1989).
 
     Undone are only exchanges in half of the cameras or fewer, in runs that begin and end with all names right and in
@@ -147,7 +147,7 @@ def _distances(xyz_m: Array, points: Array, pair: Pair) -> Array:
 
 
 def _drift(uv_px: Array) -> Array:
-    """(C, T, 2) median motion of all clicks in each picture since the frame before; 0 where unknown."""
+    """(C, T, 2) median motion of all clicks in each image since the frame before; 0 where unknown."""
     step = np.diff(uv_px, axis=1)
     out = np.zeros((*uv_px.shape[:2], 2))
     known = np.isfinite(step[..., 0]).any(axis=2)

@@ -30,7 +30,7 @@ def batch(
         typer.Argument(help="Folders with trials, patterns in quotes ('data/**/*.c3d'), or a manifest (.csv)."),
     ],
     out: Annotated[Path, typer.Option(help="Folder of results: a folder a trial, summary.csv, summary.html.")],
-    stated: RecordingOptions,
+    recording_options: RecordingOptions,
     jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time, each by a process.")] = 2,
     model: Annotated[
         str,
@@ -72,7 +72,7 @@ def batch(
     from mocap.batches.summary import reasons
 
     if dry_run:
-        path, trials, untracked = write_plan(sources, out, **stated.stated())
+        path, trials, untracked = write_plan(sources, out, **recording_options.arguments())
         if untracked:
             say(f"{len(untracked)} of {len(trials)} trials cannot be tracked: {'; '.join(reasons(untracked))}")
         else:
@@ -95,7 +95,7 @@ def batch(
             pictures=pictures,
             validate=validate,
             progress=tell,
-            **stated.stated(),
+            **recording_options.arguments(),
         )
     own = [record for record in found.records if record.trial in found.own]
     wrong = [
@@ -147,8 +147,8 @@ class _Lines:
 
 def _line(progress: "Progress") -> str:
     """``12 of 100 trials done (3 before this run, 1 failed), about 0:03:20 left``."""
-    told = [f"{progress.known} before this run"] if progress.known else []
-    told += [f"{progress.failed} failed"] if progress.failed else []
+    counts = [f"{progress.before} before this run"] if progress.before else []
+    counts += [f"{progress.failed} failed"] if progress.failed else []
     left = "" if progress.left_s is None else f", about {timedelta(seconds=round(progress.left_s))} left"
-    more = f" ({', '.join(told)})" if told else ""
+    more = f" ({', '.join(counts)})" if counts else ""
     return f"{progress.done} of {progress.total} trials done{more}{left}"

@@ -1,4 +1,4 @@
-"""``mocap calibrate``: cameras from pictures of boards, a wand, known points, or the marker tracks themselves."""
+"""``mocap calibrate``: cameras from images of boards, a wand, known points, or the marker tracks themselves."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ LensModel = Annotated[
     str,
     typer.Option(
         help="Lens model: brown2 (k1 k2), brown (5 coefficients), rational (8), fisheye (4), or "
-        "auto: chosen on pictures left out of the fit."
+        "auto: chosen on images left out of the fit."
     ),
 ]
 
@@ -102,9 +102,7 @@ def _calibrated(
 @with_records
 def images(
     *,
-    folder: Annotated[
-        Path, typer.Argument(help="Pictures: <camera>/<frame>.png, or <camera><frame>.png in one folder.")
-    ],
+    folder: Annotated[Path, typer.Argument(help="Images: <camera>/<frame>.png, or <camera><frame>.png in one folder.")],
     square_mm: SquareMm,
     out: Out,
     filmed: BoardOptions,
@@ -125,7 +123,7 @@ def images(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """From pictures of a checkerboard or ChArUco board: lenses and positions of 1 to 30 cameras."""
+    """From images of a checkerboard or ChArUco board: lenses and positions of 1 to 30 cameras."""
     from mocap.pipeline.calibrate import from_pictures
 
     how = {"world_frame": world_frame, "lens": lens, "known": lenses, "tell": say}
@@ -139,7 +137,7 @@ def lenses(
     *,
     folder: Annotated[
         Path,
-        typer.Argument(help="A folder or a film for each camera, or pictures <camera><number>.png; taken at any time."),
+        typer.Argument(help="A folder or a video for each camera, or images <camera><number>.png; taken at any time."),
     ],
     square_mm: SquareMm,
     out: Out,
@@ -148,7 +146,7 @@ def lenses(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Each camera's lens from its own pictures or film of a board; `places` then finds where the cameras are."""
+    """Each camera's lens from its own images or video of a board; `places` then finds where the cameras are."""
     from mocap.io.anipose import NAME, write_lenses
     from mocap.io.output import result_folder
     from mocap.pipeline.calibrate_lenses import lenses_from_pictures
@@ -156,8 +154,8 @@ def lenses(
 
     board = filmed.board(square_mm)
     with result_folder(out, "lenses", replace=force, beside=True, inputs=[folder], tell=say) as made:
-        known, report = lenses_from_pictures(folder, board, lens=lens, tell=say)
-        write_lenses(made / NAME, known)
+        found, report = lenses_from_pictures(folder, board, lens=lens, tell=say)
+        write_lenses(made / NAME, found)
         written = write_report(made, report, [NAME])
     _finish(written, out, as_json)
 
@@ -186,14 +184,14 @@ def places(
     origin: PixelOriginOption = None,
     board: Annotated[
         Path | None,
-        typer.Option(help="In place of points: one picture from each camera of one board that lies still."),
+        typer.Option(help="In place of points: one image from each camera of one board that lies still."),
     ] = None,
     square_mm: Annotated[float, typer.Option(help="Side of a square of that board in millimetres.")] = 0.0,
     filmed: BoardOptions,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Where cameras with known lenses are: from known points clicked in each picture, or one board on the floor."""
+    """Where cameras with known lenses are: from known points clicked in each image, or one board on the floor."""
     from mocap.pipeline.calibrate_places import places_from_board, places_from_points
 
     if (board is None) == (points is None or pixels is None):
@@ -275,7 +273,7 @@ def refine(
         typer.Argument(help="Pixels of a recording: DLTdv xypts, dvProject.mat, or any format that mocap info knows."),
     ],
     out: Out,
-    stated: CameraOptions,
+    options: CameraOptions,
     bone: Annotated[
         list[str] | None,
         typer.Option(
@@ -290,6 +288,6 @@ def refine(
     import mocap
     from mocap.pipeline.calibrate import from_tracks
 
-    recording = mocap.read(tracks, fps=1.0, **stated.stated())
+    recording = mocap.read(tracks, fps=1.0, **options.arguments())
     made = partial(from_tracks, recording, bones=bone or [], focal=focal)
     _calibrated(made, out, recording.inputs, force=force, as_json=as_json, lenses=False)

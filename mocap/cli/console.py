@@ -156,17 +156,19 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
         lines += _indented(f"Look:   {typed(program(), 'view', out)}   (in the browser: add --web)")
     after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
     after += ["", "Animal", *_indented(length_line(report))]
-    wrong = [_with_options(said) for said in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]
+    wrong = [_with_options(sentence) for sentence in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]
     lines += ["", "What is wrong, worst first" if wrong else "Nothing is wrong"]
     decided = len(notes(report))
     for shown in range(len(wrong), -1, -1):
-        told = [part for k, said in enumerate(wrong[:shown]) for part in _indented(f"{k + 1}. {said}", deeper="   ")]
+        items = [
+            part for k, sentence in enumerate(wrong[:shown]) for part in _indented(f"{k + 1}. {sentence}", deeper="   ")
+        ]
         more = [f"{len(wrong) - shown} more"] if shown < len(wrong) else []
         more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
-        told += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
-        if len(lines) + len(told) + len(after) <= LINES:
+        items += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
+        if len(lines) + len(items) + len(after) <= LINES:
             break
-    return [*lines, *told, *after]
+    return [*lines, *items, *after]
 
 
 def _indented(text: str, indent: str = "  ", *, deeper: str = "  ") -> list[str]:

@@ -32,7 +32,7 @@ def convert(
         ),
     ],
     out: Annotated[Path, typer.Argument(help="File to write; the end of its name sets the format.")],
-    stated: FileOptions,
+    options: FileOptions,
     to: Annotated[
         str | None,
         typer.Option(help="Format: c3d, trc, movement, csv-wide, csv-long, parquet, dltdv, anipose-calibration."),
@@ -57,10 +57,10 @@ def convert(
     if crop:
         from mocap.pipeline.reading import uncropped
 
-        whole = uncropped(files, crop, fps=fps, hints=stated.hints())
+        whole = uncropped(files, crop, fps=fps, hints=options.hints())
     with result_file(out, replace=force, inputs=[*files, *(crop or [])], tell=say) as file:
         done = convert_files(
-            files, file, hints=stated.hints(), to=to, fps=fps, unit=unit, filled=filled, contents=whole
+            files, file, hints=options.hints(), to=to, fps=fps, unit=unit, filled=filled, contents=whole
         )
     done["written"] = [str(out.with_name(name)) for name in done["written"]]
     if as_json:
@@ -75,7 +75,7 @@ def convert(
 def triangulate(
     tracks: Views,
     out: Annotated[Path, typer.Option(help="xyzpts file to write.")],
-    stated: RecordingOptions,
+    options: RecordingOptions,
     refine: Annotated[
         bool,
         typer.Option(
@@ -93,12 +93,12 @@ def triangulate(
     from mocap.pipeline.triangulate_file import triangulate_file
 
     # points of a frame each: no rate is needed
-    recording = mocap.read(tracks, **{**stated.stated(), "fps": stated.fps or 1.0}, fit_lens=fit_lens)
+    recording = mocap.read(tracks, **{**options.arguments(), "fps": options.fps or 1.0}, fit_lens=fit_lens)
     with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
         summary = triangulate_file(recording, file, refine=refine)
-    told = [str(finding) for finding in summary.findings]
+    findings = [str(finding) for finding in summary.findings]
     if as_json:
-        print(json.dumps({"out": str(out), **asdict(summary), "findings": told}))  # noqa: T201
+        print(json.dumps({"out": str(out), **asdict(summary), "findings": findings}))  # noqa: T201
         return
-    say(*told)
+    say(*findings)
     say(f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px")

@@ -9,7 +9,7 @@ from rich.table import Table
 from mocap.cli.console import errors, output, progress, say
 from mocap.cli.options import AsJson, Command, Force, Out
 
-data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known truth, and where real ones are.")
+data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known ground truth, and where real ones are.")
 
 
 @data.command("list", cls=Command)
@@ -28,18 +28,18 @@ def list_data(as_json: AsJson = False) -> None:
         "mocap data make",
         "",
         box=None,
-        title="Synthetic, with known truth (made from a random seed)",
+        title="Synthetic, with known ground truth (made from a random seed)",
         title_justify="left",
     )
     for entry in ENTRIES:
         made.add_row(entry.name, entry.what)
     console.print(made)
-    known = Table(
+    recordings = Table(
         "mocap data path", "", "there", box=None, title=f"\nReal, in {where} ({VARIABLE})", title_justify="left"
     )
     for recording in real:
-        known.add_row(recording["name"], recording["what"], "yes" if recording["there"] else "-")
-    console.print(known)
+        recordings.add_row(recording["name"], recording["what"], "yes" if recording["there"] else "-")
+    console.print(recordings)
 
 
 @data.command("make", cls=Command)

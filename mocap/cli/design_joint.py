@@ -61,8 +61,8 @@ class SizeOptions:
         """
         from eal.joint_design import DesignError, Law, Limits
 
-        asked = tuple(part.strip() for part in truss.laws.split(","))
-        if not set(asked) <= set(get_args(Law)):
+        laws = tuple(part.strip() for part in truss.laws.split(","))
+        if not set(laws) <= set(get_args(Law)):
             raise MocapError(f"`laws` {truss.laws}: give some of {', '.join(get_args(Law))}, with commas between")
         try:
             return Limits(
@@ -73,7 +73,7 @@ class SizeOptions:
                 spacing=14.0 * MM,
                 contraction=self.contraction,
                 extension=self.extension,
-                laws=cast(tuple[Law, ...], asked),
+                laws=cast(tuple[Law, ...], laws),
             )
         except DesignError as error:
             raise MocapError(str(error)) from None
@@ -174,6 +174,6 @@ def design_joint(
     show(readable(design))
     say(
         "",
-        f"Wrote {out}/: report, drawing, pictures{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
+        f"Wrote {out}/: report, drawing, images{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
         f"Look at it: {typed(program(), 'view', out)}",
     )

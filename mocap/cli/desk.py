@@ -12,7 +12,7 @@ from mocap.cli.options import RecordingOptions, with_records
 
 @with_records
 def desk(
-    stated: RecordingOptions,
+    recording_options: RecordingOptions,
     sources: Annotated[
         list[str] | None,
         typer.Argument(metavar="FOLDER", help="Folder with trials, as of mocap batch. Default: this folder."),
@@ -28,14 +28,16 @@ def desk(
     Example: mocap desk data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml
     """
     from mocap import web as pages  # before all that needs the extra, which it names
-    from mocap.batches.known import Options
     from mocap.batches.run import checked_model
+    from mocap.batches.trial_record import Options
     from mocap.desk.desk import opened_desk
     from mocap.desk.page import desk_page
 
     options = Options(model=checked_model(model), validate=validate)
     with (
-        opened_desk(sources or ["."], out, options=options, jobs=jobs, stated=stated.stated()) as opened,
+        opened_desk(
+            sources or ["."], out, options=options, jobs=jobs, arguments=recording_options.arguments()
+        ) as opened,
         pages.served(desk_page(opened), port=port) as page,
     ):
         say(

@@ -13,9 +13,9 @@ from mocap.errors import MocapError
 
 
 def digitise(
-    films: Annotated[
+    videos: Annotated[
         list[Path],
-        typer.Argument(help="A film (or folder of pictures) for each camera, in their order; or a folder of films."),
+        typer.Argument(help="A video (or folder of images) for each camera, in their order; or a folder of videos."),
     ],
     calibration: Annotated[
         Path, typer.Option("--calibration", "--dlt", help="Calibration of the cameras, in any format.")
@@ -39,7 +39,7 @@ def digitise(
     offset: Annotated[
         list[int] | None,
         typer.Option(
-            "--video-offset", help="Frame of the film minus frame of the tracks; once for all cameras, or for each."
+            "--video-offset", help="Frame of the video minus frame of the tracks; once for all cameras, or for each."
         ),
     ] = None,
     crop: Crop = None,
@@ -51,7 +51,7 @@ def digitise(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find and name markers in films from a few clicks; say which clicks would help most."""
+    """Find and name markers in videos from a few clicks; say which clicks would help most."""
     import mocap
     from mocap.digitising.write import report_text
     from mocap.io.output import result_folder
@@ -68,19 +68,19 @@ def digitise(
     }
     if web:
         from mocap import web as pages  # before all that needs the extra, which it names
-        from mocap.batches.known import Options
+        from mocap.batches.trial_record import Options
         from mocap.desk.desk import Desk
         from mocap.desk.page import desk_page
         from mocap.desk.session import SAVED, open_session
 
         words = [word for word in sys.argv[1:] if word != "--web"]  # of two --start the last one counts
         same = typed(program(), *words, "--start", out / SAVED, "--force")
-        session = open_session(films, folder=out, start=start, command=same, **given)
+        session = open_session(videos, folder=out, start=start, command=same, **given)
         desk = Desk(out=out, trials={}, options=Options(), proof=session)
         with pages.served(desk_page(desk), port=port) as page:
             say(
                 f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
-                "Who has this address can see the films and change the clicks: keep it to yourself.",
+                "Who has this address can see the videos and change the clicks: keep it to yourself.",
             )
             page.wait()
         if session.found is not None:
@@ -90,9 +90,9 @@ def digitise(
         return
     if start is None:
         raise MocapError("--start is missing: give first clicks (DLTdv's xypts), or click in the browser with --web")
-    inputs = [*films, calibration, skeleton, start, model, profile, *(crop or [])]
+    inputs = [*videos, calibration, skeleton, start, model, profile, *(crop or [])]
     with result_folder(out, "digitise", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
-        result = mocap.digitise(films, start=start, progress=tell, **given)
+        result = mocap.digitise(videos, start=start, progress=tell, **given)
         result.write(folder, most=budget)
     if as_json:
         print(json.dumps(result.report))  # noqa: T201

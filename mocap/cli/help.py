@@ -11,7 +11,7 @@ from mocap.errors import MocapError
 
 ROOMS = ("tutorials", "howto", "howto/programs", "explanation", "reference")
 _OF_THE_SITE = re.compile(r"^(`{3,})\{(image|toctree|eval-rst)\}.*?^\1$\n?", re.MULTILINE | re.DOTALL)
-"""What only the site shows: pictures, lists of pages, signatures."""
+"""What only the site shows: images, lists of pages, signatures."""
 
 
 def help_(

@@ -26,7 +26,7 @@ def info(
         list[Path],
         typer.Argument(help="Files of any format; files that belong together are also checked against each other."),
     ],
-    stated: FileOptions,
+    options: FileOptions,
     calibration: Calibration = None,
     fps: Fps = None,
     unit: Unit = None,
@@ -41,7 +41,7 @@ def info(
 
     corners = StatedOrigin(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
     files = files if calibration is None else [*files, calibration]
-    found: list[dict[str, Any]] = inspect(files, stated.hints(), fps=fps, unit=unit, stated=corners)
+    found: list[dict[str, Any]] = inspect(files, options.hints(), fps=fps, unit=unit, origin=corners)
     if as_json:
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201
     else:

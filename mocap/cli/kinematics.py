@@ -63,9 +63,9 @@ def kinematics(
         refused = result.write_kinematics(folder, exports=export or (), progress=tell)
         if scale_osim is not None:
             scaled = result.write_scaled_osim(scale_osim, folder)
-            told = ", ".join(f"{body} {one.factor:.3g}" for body, one in scaled.items() if one.pairs)
+            factors = ", ".join(f"{body} {one.factor:.3g}" for body, one in scaled.items() if one.pairs)
             rest = "; others by their median" if any(not one.pairs for one in scaled.values()) else ""
-            say(f"{scale_osim.name}: {len(scaled)} bodies scaled: {told}{rest}")
+            say(f"{scale_osim.name}: {len(scaled)} bodies scaled: {factors}{rest}")
         if moments:
             result.write_moments(folder)
     empty = [why_none(result.skeleton)] if result.cycles.empty else []

@@ -25,7 +25,7 @@ from mocap.cli.options import (
 def learn(
     trials: Annotated[list[Path], typer.Argument(help="Recordings in any supported format.")],
     out: Annotated[Path, typer.Option(help="Model to write (.npz).")],
-    stated: RecordingOptions,
+    options: RecordingOptions,
     seed: Annotated[
         int,
         typer.Option(min=0, help="Random seed of the gaps that are hidden to choose the model and set its intervals."),
@@ -52,7 +52,7 @@ def learn(
     import mocap
     from mocap.io.output import result_file
 
-    recordings = [stated.read(tracks) for tracks in trials]
+    recordings = [options.read(tracks) for tracks in trials]
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=force, inputs=inputs, tell=say) as file:
         with mocap.processes(jobs):
@@ -69,7 +69,7 @@ def learn(
 def label(
     tracks: Tracks,
     model: Annotated[Path, typer.Option(help="A model that mocap learn wrote of this kind of animal and markers.")],
-    stated: FileOptions,
+    options: FileOptions,
     out: Annotated[
         Path | None, typer.Option(help="File to write; if not given, FILE_labelled beside where you are.")
     ] = None,
@@ -84,7 +84,7 @@ def label(
 
     target = out or Path(f"{tracks.stem}_labelled{tracks.suffix}")
     with result_file(target, replace=force, inputs=[tracks, model], tell=say) as file:
-        found = mocap.label(tracks, model=model, unit=unit, fps=fps, hints=stated.hints())
+        found = mocap.label(tracks, model=model, unit=unit, fps=fps, hints=options.hints())
         remarks = found.write(file)
     if as_json:
         print(json.dumps({"out": str(target), **found.summary}))  # noqa: T201

@@ -185,9 +185,9 @@ def explain(error: BaseException) -> int:
         say_error(f"{name}: this file name is not UTF-8: rename the file, or its folder{ending}")
         return TROUBLE
     if isinstance(error, MemoryError):
-        asked = f" ({error})" if str(error) else ""
+        detail = f" ({error})" if str(error) else ""
         say_error(
-            f"there is not enough memory{asked}: close other programs, or take a shorter part of the recording{ending}"
+            f"there is not enough memory{detail}: close other programs, or take a shorter part of the recording{ending}"
         )
         return TROUBLE
     if isinstance(error, OSError) and error.filename and error.strerror:

@@ -202,7 +202,7 @@ class CameraOptions(FileOptions):
     image_height: ImageHeight = None
     crop: Crop = None
 
-    def stated(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, Any]:
         """As ``mocap.read`` takes it."""
         return {
             "calibration": self.calibration,
@@ -225,17 +225,17 @@ class RecordingOptions(CameraOptions):
     pixel_sd: PixelSd = None
     edits: Edits = None
 
-    def stated(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, Any]:
         """As ``mocap.read`` takes it."""
         own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
         own |= {"edits": self.edits}
-        return super().stated() | own
+        return super().arguments() | own
 
     def read(self, tracks: Path | list[Path], **more: Any) -> "Recording":
         """The recording in a file, with what is stated about it."""
         import mocap
 
-        return mocap.read(tracks, **self.stated(), **more)
+        return mocap.read(tracks, **self.arguments(), **more)
 
 
 def with_records(command: Callable[..., None]) -> Callable[..., None]:

@@ -38,7 +38,7 @@ def reproduce(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Reproduce the figures of the EAL paper: pictures, tables, and a verdict on every claim."""
+    """Reproduce the figures of the EAL paper: images, tables, and a verdict on every claim."""
     from mocap.io.output import result_folder
     from mocap.reproduce import FIGURES
     from mocap.reproduce import reproduce as make_figures

@@ -16,7 +16,7 @@ from mocap.cli.options import AsJson, Force, RecordingOptions, Views, with_recor
 @with_records
 def skeleton(
     tracks: Views,
-    stated: RecordingOptions,
+    options: RecordingOptions,
     names: Annotated[
         Path | None,
         typer.Option(help="What the points are called: a list (DLTdv's pointnames.txt), or any table that has them."),
@@ -39,9 +39,9 @@ def skeleton(
     recording = None
     if len(tracks) > 1 or not is_model(tracks[0]):
         try:
-            recording = stated.read(tracks)
+            recording = options.read(tracks)
         except NoRateError:
-            recording = replace(stated, fps=100.0).read(tracks)  # any: distances, angles, cycles do not depend on it
+            recording = replace(options, fps=100.0).read(tracks)  # any: distances, angles, cycles do not depend on it
     inputs = tuple(tracks) if recording is None else recording.inputs
     with nullcontext() if out is None else result_file(out, replace=force, inputs=inputs, tell=say) as file:
         if recording is None:

@@ -42,7 +42,7 @@ class VideoOptions:
 def track(
     tracks: Views,
     out: Out,
-    stated: RecordingOptions,
+    recording_options: RecordingOptions,
     movies: VideoOptions,
     stored: Annotated[
         Path | None, typer.Option(help="Stored 3D points to check. Default: xyzpts beside xypts.")
@@ -86,7 +86,7 @@ def track(
     from mocap.pipeline.job import MODELS, existing_model
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
-    recording = on_disk(tracks, stated, blocks) or stated.read(
+    recording = on_disk(tracks, recording_options, blocks) or recording_options.read(
         tracks, stored_points=stored, correct_lag=correct_lag, fit_lens=fit_lens, mm_per_px=mm_per_px
     )
     opened = []
@@ -118,12 +118,12 @@ def track(
             if size:
                 from mocap.results.long_result import write_in_blocks
 
-                told = None if learned is None else learned.learned
+                record = None if learned is None else learned.learned
                 result = write_in_blocks(
                     recording,
                     folder,
                     model=model,
-                    learned=told,
+                    learned=record,
                     size=size,
                     validate=validate,
                     footer=footer,
@@ -151,12 +151,12 @@ def track(
                 watched[1].wait()
 
 
-def block_size(recording: "Recording", asked: int | None) -> int:
+def block_size(recording: "Recording", requested: int | None) -> int:
     """Frames of a block; 0: the whole at once."""
     from mocap.pipeline.blocks import BLOCK, LONG
 
-    if asked is not None:
-        return asked
+    if requested is not None:
+        return requested
     frames = len(recording.t_s)
     if frames <= LONG:
         return 0
@@ -164,20 +164,20 @@ def block_size(recording: "Recording", asked: int | None) -> int:
     return BLOCK
 
 
-def on_disk(tracks: list[Path], stated: RecordingOptions, blocks: int | None) -> "Recording | None":
+def on_disk(tracks: list[Path], options: RecordingOptions, blocks: int | None) -> "Recording | None":
     """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
     from mocap.io.tables_long import LongTable
     from mocap.pipeline.blocks import LONG, OnDisk
 
     if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
         return None
-    if stated.calibration is not None or stated.fps is not None or stated.unit is not None:
+    if options.calibration is not None or options.fps is not None or options.unit is not None:
         return None
     try:
         frames = LongTable(tracks[0]).n_frames
     except FormatError:
         return None  # pixels, or another table: read as any file
-    return None if frames <= LONG and blocks is None else OnDisk.of(tracks[0], stated.skeleton)
+    return None if frames <= LONG and blocks is None else OnDisk.of(tracks[0], options.skeleton)
 
 
 def again() -> str:

@@ -16,9 +16,9 @@ from typing import Any
 
 from mocap import audit
 from mocap.batches.find import PLAN, find_trials
-from mocap.batches.known import Options, known, read_record
 from mocap.batches.run import batch
 from mocap.batches.trial import Trial, read_manifest, write_manifest
+from mocap.batches.trial_record import Options, earlier_record, read_record
 from mocap.cameras.arrangement import ArrangementError
 from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof
@@ -66,7 +66,7 @@ class Desk:
         trials: By name.
         options: How they are tracked.
         jobs: How many at a time.
-        proof: What is open in the room of films: a trial that is proof-read, or films that are digitised; None: none.
+        proof: What is open in the room of videos: a trial that is proof-read, or videos that are digitised; None: none.
         draft: The skeleton that is drawn; None: none yet.
     """
 
@@ -109,7 +109,7 @@ class Desk:
         rows = []
         for trial in self.trials.values():
             record, log = read_record(self.out / trial.name), self.log(trial.name)
-            current = None if trial.skip else known(self._as_edited(trial), self.options, self.out)
+            current = None if trial.skip else earlier_record(self._as_edited(trial), self.options, self.out)
             status = "skipped" if trial.skip else "new" if record is None else record.status
             if status == "done" and current is None:
                 status = "changed"
@@ -123,9 +123,9 @@ class Desk:
                     "edits": len(standing(read_edits(log))) if log.is_file() else 0,
                     "warning": str(row.get("warning", "")),
                     "measured_percent": row.get("measured_percent"),
-                    "stated": {key: str(value) for key, value in trial.stated.items() if key != "hints"},
+                    "stated": {key: str(value) for key, value in trial.arguments.items() if key != "hints"},
                     "command": self.command(trial),
-                    "passes": {kind: [said, self.passing(trial.name, kind)] for kind, said in PASSED.items()},
+                    "passes": {kind: [label, self.passing(trial.name, kind)] for kind, label in PASSED.items()},
                 }
             )
         return {"trials": rows, "command": self.batch_command()}
@@ -155,11 +155,11 @@ class Desk:
             recording = trial.recording()
             found += [*recording.findings, *recording.told]
             if recording.pixels is not None and len(recording.cameras) > 1:
-                film = with_ideal_pixels(recording)
-                assert film.rows is not None
-                assert film.pixels is not None
-                found += [*film.told, *audit_points(film)[1]]
-                found += audit.audit_filmed(film.cameras, film.pixels, film.ideal_px, film.rows)
+                video = with_ideal_pixels(recording)
+                assert video.rows is not None
+                assert video.pixels is not None
+                found += [*video.told, *audit_points(video)[1]]
+                found += audit.audit_filmed(video.cameras, video.pixels, video.ideal_px, video.rows)
             elif recording.pixels is not None:
                 found += audit.pixel_findings(recording.pixels)
             elif recording.points is not None:
@@ -177,13 +177,13 @@ class Desk:
                 "text": in_options(one.text),
                 "alarm": one.alarm,
                 "mend": [
-                    {"said": said, "name": key, "value": value}
+                    {"said": label, "name": key, "value": value}
                     for key, ways in MEND.items()
                     if f"`{key}`" in one.text
                     or (key == "unit" and one.kind == UNIT)
                     or (key == "swap" and one.kind == "swapped cameras" and swap is not None)
-                    for said, value in ways
-                    if trial.stated.get(key) != value
+                    for label, value in ways
+                    if trial.arguments.get(key) != value
                 ],
             }
             for one in once.values()
@@ -206,7 +206,7 @@ class Desk:
         elif key == "swap":
             self.trials[name] = _in_order(trial)
         else:
-            self.trials[name] = replace(trial, stated={**trial.stated, key: value})
+            self.trials[name] = replace(trial, arguments={**trial.arguments, key: value})
         self.save()
         return f"{name}: {key.replace('_', ' ')} {value}"
 
@@ -215,7 +215,7 @@ class Desk:
         if self._running is not None and self._running.is_alive():
             return "it is being tracked"
         for name in self.trials:  # a log that came since
-            if self.log(name).is_file() and "edits" not in self.trials[name].stated:
+            if self.log(name).is_file() and "edits" not in self.trials[name].arguments:
                 self.state(name, "edits", self.log(name))
         self.save()
         context = get_context("spawn")
@@ -256,19 +256,19 @@ class Desk:
         trial = self.trial(name)
         if read_record(self.out / name) is None:
             raise MocapError(f"{name} has not been tracked: track it first")
-        plain = replace(trial, stated={key: value for key, value in trial.stated.items() if key != "edits"})
+        plain = replace(trial, arguments={key: value for key, value in trial.arguments.items() if key != "edits"})
         self.proof = None
         self.proof = open_proof(name, plain.recording(), load(self.out / name), self.log(name))
         edits = {"edits": self.log(name)}
         commands = {
-            "proof": self.command(replace(trial, stated={**trial.stated, **edits})),
+            "proof": self.command(replace(trial, arguments={**trial.arguments, **edits})),
             "angles": self.passing(name, "report"),
             "scene": shlex.join(["mocap", "view", str(self.out / name)]),
         }
         return self.proof.info() | {"commands": commands}
 
     def opened(self) -> Proof | Session:
-        """What is open in the room of films; a MocapError where nothing is."""
+        """What is open in the room of videos; a MocapError where nothing is."""
         return _there(self.proof, Proof | Session, "open a trial first")
 
     def tracked(self) -> Proof:
@@ -276,8 +276,8 @@ class Desk:
         return _there(self.proof, Proof, "open a trial that was tracked first")
 
     def session(self) -> Session:
-        """The films that are digitised; a MocapError where none are open."""
-        return _there(self.proof, Session, "open films first: mocap digitise --web")
+        """The videos that are digitised; a MocapError where none are open."""
+        return _there(self.proof, Session, "open videos first: mocap digitise --web")
 
     def draw(self, name: str) -> dict[str, Any]:
         """Open the skeleton of a trial."""
@@ -303,8 +303,8 @@ class Desk:
             MocapError: it is no skeleton, or corrections of one of the trials name markers that are called otherwise.
         """
         draft = self.drawing()
-        found, before = draft.changed(**drawn), self.trial(draft.trial).stated.get("skeleton")
-        same = [name for name, trial in self.trials.items() if trial.stated.get("skeleton") == before]
+        found, before = draft.changed(**drawn), self.trial(draft.trial).arguments.get("skeleton")
+        same = [name for name, trial in self.trials.items() if trial.arguments.get("skeleton") == before]
         there = {None, *found.renamed(draft.recording.names)}
         for log in (log for name in same if (log := self.log(name)).is_file()):
             if lost := {marker for edit in standing(read_edits(log)) for marker in (edit.marker, edit.other)} - there:
@@ -313,7 +313,9 @@ class Desk:
                 )
         draft.save(found)
         for name in same:
-            self.trials[name] = replace(self.trials[name], stated={**self.trials[name].stated, "skeleton": draft.path})
+            self.trials[name] = replace(
+                self.trials[name], arguments={**self.trials[name].arguments, "skeleton": draft.path}
+            )
         self.save()
         if isinstance(self.proof, Proof) and self.proof.name in same:
             self.proof = None  # it has the names of before
@@ -326,7 +328,7 @@ class Desk:
             MocapError: it has been changed since it was tracked, or cannot be written so.
         """
         trial = self.trial(name)
-        if known(self._as_edited(trial), self.options, self.out) is None:
+        if earlier_record(self._as_edited(trial), self.options, self.out) is None:
             raise MocapError(f"{name} was changed or corrected since it was tracked: track it first")
         result = load(self.out / name)
         if kind == "page":
@@ -348,12 +350,12 @@ class Desk:
 
     def _as_edited(self, trial: Trial) -> Trial:
         log = self.log(trial.name)
-        return replace(trial, stated={**trial.stated, "edits": log}) if log.is_file() else trial
+        return replace(trial, arguments={**trial.arguments, "edits": log}) if log.is_file() else trial
 
 
-def _there(what: Any, kind: Any, said: str) -> Any:
+def _there(what: Any, kind: Any, problem: str) -> Any:
     if not isinstance(what, kind):
-        raise MocapError(said)
+        raise MocapError(problem)
     return what
 
 
@@ -380,7 +382,7 @@ def _in_order(trial: Trial) -> Trial:
 def _typed(trial: Trial, *, without: Sequence[str] = ()) -> list[str]:
     """A trial's files, and what is stated of them, as commands take them."""
     words = [*map(_plain, trial.paths)]
-    for key, value in trial.stated.items():
+    for key, value in trial.arguments.items():
         if key in ("hints", *without) or value is False or value is None:
             continue
         for one in value if isinstance(value, list) else [value]:
@@ -401,9 +403,9 @@ def _track(mouth: Connection, manifest: Path, out: Path, how: dict[str, Any]) ->
     def tell(progress: Any) -> None:
         doing = "; ".join(does for _, does in sorted(progress.workers.items()))
         left = "" if progress.left_s is None else f", about {progress.left_s:.0f} s left"
-        said = f"{progress.done} of {progress.total} done{left}" + (f": {doing}" if doing else "")
+        status = f"{progress.done} of {progress.total} done{left}" + (f": {doing}" if doing else "")
         with suppress(OSError):  # nobody hears it any more
-            mouth.send({"said": said, "done": progress.done, "total": progress.total})
+            mouth.send({"said": status, "done": progress.done, "total": progress.total})
 
     try:
         found = batch(manifest, out, progress=tell, **how)
@@ -417,7 +419,7 @@ def _track(mouth: Connection, manifest: Path, out: Path, how: dict[str, Any]) ->
 
 @contextmanager
 def opened_desk(
-    sources: list[str], out: Path, *, options: Options, jobs: int = 2, stated: Mapping[str, Any] | None = None
+    sources: list[str], out: Path, *, options: Options, jobs: int = 2, arguments: Mapping[str, Any] | None = None
 ) -> Iterator[Desk]:
     """A desk of a folder's trials, which goes on where an earlier one on the same results ended.
 
@@ -426,7 +428,7 @@ def opened_desk(
     """
     out = out.absolute()
     before = {trial.name: trial for trial in read_manifest(out / PLAN)} if (out / PLAN).is_file() else {}
-    found = {trial.name: trial for trial in find_trials(list(sources), stated=stated, out=out)}
+    found = {trial.name: trial for trial in find_trials(list(sources), arguments=arguments, out=out)}
     (out / "edits").mkdir(parents=True, exist_ok=True)
     with locked(out / "edits"):
         desk = Desk(out=out, trials=found | before, options=options, jobs=jobs)

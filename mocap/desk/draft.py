@@ -37,7 +37,7 @@ class Draft:
         recording: Its files, without a skeleton.
         skeleton: As it is now.
         path: Where it is written.
-        pictures: Films that show the points; None: none.
+        pictures: Videos that show the points; None: none.
     """
 
     trial: str
@@ -49,8 +49,8 @@ class Draft:
     @property
     def called(self) -> list[str]:
         """What the points of the files are called; empty: left out."""
-        known = self.skeleton.renamed(self.recording.names)
-        return [name if name in self.skeleton.markers else "" for name in known]
+        markers = self.skeleton.renamed(self.recording.names)
+        return [name if name in self.skeleton.markers else "" for name in markers]
 
     @cached_property
     def xyz(self) -> Array:
@@ -83,7 +83,7 @@ class Draft:
             "trunk": [number[name] for name in self.skeleton.trunk if name in number],
             "joints": {name: three for name, three in ends if three},
             "bodies": {name: list(members) for name, members in self.skeleton.bodies.items()},
-            "measures": [[kind, str(name), _said(entry, name)] for kind, entry in measures for name in entry],
+            "measures": [[kind, str(name), _text_of(entry, name)] for kind, entry in measures for name in entry],
             "dropped": [],
             "cameras": [] if self.pictures is None else list(self.recording.camera_names),
             "frame": int(seen.sum(axis=1).argmax()),
@@ -92,7 +92,7 @@ class Draft:
         }
 
     def places(self, frame: int, camera: int | None = None) -> list[list[float] | None]:
-        """Where the points are in a frame: in a camera's picture, or in space.
+        """Where the points are in a frame: in a camera's image, or in space.
 
         In space as a share of how far they lie apart, about their middle.
         """
@@ -106,8 +106,8 @@ class Draft:
 
     def propose(self, **drawn: Any) -> str:
         """Propose bones, trunk and joints in place of those that were drawn; names stay."""
-        known = self.changed(**drawn).renamed(self.recording.names)
-        self.skeleton = propose_skeleton(self.recording, names=known).skeleton
+        names = self.changed(**drawn).renamed(self.recording.names)
+        self.skeleton = propose_skeleton(self.recording, names=names).skeleton
         return f"proposed: {self._counts}: check and correct them"
 
     def mirror(self, **drawn: Any) -> str:
@@ -177,7 +177,7 @@ class Draft:
         )
 
 
-def _said(entry: Any, name: str) -> str:
+def _text_of(entry: Any, name: str) -> str:
     value = entry[name] if isinstance(entry, Mapping) else ""
     return ", ".join(str(part) for part in value) if isinstance(value, list) else ""
 
@@ -198,12 +198,14 @@ def open_draft(trial: Trial, path: Path) -> Draft:
     Raises:
         MocapError: its files, or its skeleton, cannot be read.
     """
-    stated = {key: value for key, value in trial.stated.items() if key not in ("skeleton", "edits")}
-    recording = replace(trial, stated=stated).recording()
-    known = trial.stated.get("skeleton")
-    skeleton = replace(recording.skeleton, name=trial.name) if known is None else read_skeleton(Path(known))
+    arguments = {key: value for key, value in trial.arguments.items() if key not in ("skeleton", "edits")}
+    recording = replace(trial, arguments=arguments).recording()
+    skeleton_file = trial.arguments.get("skeleton")
+    skeleton = (
+        replace(recording.skeleton, name=trial.name) if skeleton_file is None else read_skeleton(Path(skeleton_file))
+    )
     pictures = None
     with suppress(MocapError):  # what is wrong with its cameras is found by the audit
         pictures = pictures_of(recording)
-    filmed = None if pictures is None or pictures.films is None else pictures
+    filmed = None if pictures is None or pictures.videos is None else pictures
     return Draft(trial=trial.name, recording=recording, skeleton=skeleton, path=path, pictures=filmed)

@@ -34,12 +34,12 @@ class _Trial(Query):
     trial: _Text
 
 
-class _Stated(_Trial):
+class _Answer(_Trial):
     name: _Text
     value: bool | _Text
 
     @model_validator(mode="after")
-    def _known(self) -> Self:
+    def _is_one_of_ours(self) -> Self:
         if self.name != "skip" and (self.name, self.value) not in _STATED:
             raise ValueError(f"expected one of {sorted({key for key, _ in _STATED})} or skip, with a value of theirs")
         return self
@@ -82,7 +82,7 @@ class _Click(_Picture):
         size = limits_of(info)["sizes"][self.camera]
         # the centre of the first pixel is at (1, 1)
         if self.uv_px is not None and not all(0.5 <= x <= n + 0.5 for x, n in zip(self.uv_px, size, strict=True)):
-            raise ValueError(f"expected a place in the picture of {size[0]:g} x {size[1]:g} px")
+            raise ValueError(f"expected a place in the image of {size[0]:g} x {size[1]:g} px")
         return self
 
 
@@ -158,7 +158,7 @@ def desk_page(desk: Desk) -> Starlette:
             changes("/propose", _Drawn, lambda given: desk.drawing().propose(**dict(given))),
             changes("/mirror", _Drawn, lambda given: desk.drawing().mirror(**dict(given))),
             changes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**dict(given))),
-            changes("/state", _Stated, lambda given: desk.state(given.trial, given.name, given.value)),
+            changes("/state", _Answer, lambda given: desk.state(given.trial, given.name, given.value)),
             changes("/track", Nothing, lambda _: desk.track()),
             changes("/stop", Nothing, lambda _: desk.stop()),
             changes("/find", Nothing, lambda _: desk.session().run()),
@@ -174,7 +174,7 @@ def desk_page(desk: Desk) -> Starlette:
 
 
 def _shell() -> Route:
-    """The page itself, whose one script begins with that of pictures (``views.js``), and alone runs."""
+    """The page itself, whose one script begins with that of images (``views.js``), and alone runs."""
     room = files("mocap.desk")
     html = (
         room.joinpath("desk.html")

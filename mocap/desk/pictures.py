@@ -1,4 +1,4 @@
-"""Pictures of a recording's cameras, and what is drawn over them."""
+"""Images of a recording's cameras, and what is drawn over them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.origin import flipped
-from mocap.digitising.films import Films, open_films
 from mocap.digitising.naming import seen_from
+from mocap.digitising.videos import Videos, open_videos
 from mocap.errors import MocapError
 from mocap.io.movies import FILMS
 from mocap.pipeline.cleaning import with_ideal_pixels
@@ -21,21 +21,21 @@ from mocap.pipeline.recording import Recording
 
 @dataclass(eq=False, kw_only=True)
 class Pictures:
-    """Pictures of a recording.
+    """Images of a recording.
 
     Attributes:
         raw: The recording as it was read, without edits, and with what was decided of the pixels.
-        films: Its films, if there are any.
+        videos: Its videos, if there are any.
     """
 
     raw: Recording
-    films: Films | None = None
+    videos: Videos | None = None
 
     @cached_property
     def sizes_px(self) -> list[tuple[float, float]]:
-        """Width and height of each camera's picture: of its film, of the calibration, or of what it shows."""
-        if self.films is not None:
-            return [(float(width), float(height)) for width, height in (m.size_px for m in self.films.movies)]
+        """Width and height of each camera's image: of its video, of the calibration, or of what it shows."""
+        if self.videos is not None:
+            return [(float(width), float(height)) for width, height in (m.size_px for m in self.videos.movies)]
         if "pixels" not in self.raw.data:
             return []
         most = np.nanmax(self.raw.data["pixels"].values, axis=(1, 2), initial=1.0)
@@ -53,7 +53,7 @@ class Pictures:
         return rows.height_px or float(self.sizes_px[0][1])
 
     def shown(self, camera: int, uv_px: Array) -> Array:
-        """Ideal pixels as the picture shows them."""
+        """Ideal pixels as the image shows them."""
         rows, cam = self.raw.rows, self.raw.cameras[camera]
         if self.raw.lens is not None:
             bent = np.broadcast_to(uv_px, (len(self.raw.cameras), *uv_px.shape)).copy()
@@ -64,17 +64,17 @@ class Pictures:
         return uv if cam.lens is None else cam.lens.distort(uv)
 
     def upright(self, uv_px: Array) -> Array:
-        """Pixels of the file as pictures show them, or the reverse."""
+        """Pixels of the file as images show them, or the reverse."""
         rows = self.raw.rows
         return flipped(uv_px, self.height_px) if rows is not None and rows.pixels == "lower-left" else uv_px
 
     def picture(self, camera: int, frame: int) -> Any:
-        """A camera's picture in a frame; None: there is none."""
-        return None if self.films is None else self.films.picture(camera, frame)
+        """A camera's image in a frame; None: there is none."""
+        return None if self.videos is None else self.videos.picture(camera, frame)
 
 
 def pictures_of(recording: Recording) -> Pictures:
-    """Pictures of a recording, with its films where they lie beside its file.
+    """Images of a recording, with its videos where they lie beside its file.
 
     Raises:
         MocapError: its pixels do not fit its cameras.
@@ -82,11 +82,11 @@ def pictures_of(recording: Recording) -> Pictures:
     if not recording.cameras or "pixels" not in recording.data:
         return Pictures(raw=recording)
     raw = undistorted_alone(recording) if of_one_camera(recording) else with_ideal_pixels(recording)
-    return Pictures(raw=raw, films=films_beside(raw))
+    return Pictures(raw=raw, videos=films_beside(raw))
 
 
-def films_beside(recording: Recording) -> Films | None:
-    """Films of a recording: those in its folder, else in a folder there of which each film or folder is a camera's."""
+def films_beside(recording: Recording) -> Videos | None:
+    """Videos of a recording: in its folder, else in a folder there of which each video or folder is a camera's."""
     if recording.file is None:
         return None
     place = recording.file.parent
@@ -97,8 +97,8 @@ def films_beside(recording: Recording) -> Films | None:
     for given in tries:
         try:
             if given:
-                return open_films(given, recording.cameras)
-        except (MocapError, OSError):  # others' pictures, or results
+                return open_videos(given, recording.cameras)
+        except (MocapError, OSError):  # others' images, or results
             continue
     return None
 
@@ -106,27 +106,27 @@ def films_beside(recording: Recording) -> Films | None:
 _REACH = float(np.sqrt(-2 * np.log(0.05)))  # root of the chi-square of two degrees of freedom that 95 % stay below
 
 Shown = Callable[[int, Array], Array]
-"""(N, 2) ideal pixels of a camera as its picture shows them."""
+"""(N, 2) ideal pixels of a camera as its image shows them."""
 
 
 def ellipses(matrices: Array, xyz_m: Array, cov_m2: Array, shown: Shown, *, y_up: bool = False) -> Array:
-    """(C, M, 5) centre, half axes and angle of the 95 % ellipses of where pictures show markers.
+    """(C, M, 5) centre, half axes and angle of the 95 % ellipses of where images show markers.
 
     Args:
         matrices: (C, 3, 4) projections.
         xyz_m: (M, 3) positions.
         cov_m2: (M, 3, 3) their covariances.
-        shown: Ideal pixels as pictures show them.
+        shown: Ideal pixels as images show them.
         y_up: Whether ideal pixels are counted from the lower left.
     """
     uv, jacobian = seen_from(matrices, xyz_m)
     jacobian = jacobian * np.array([1.0, -1.0 if y_up else 1.0])[:, None]
     s = jacobian @ cov_m2 @ np.swapaxes(jacobian, -1, -2)
     out = np.full((*uv.shape[:2], 5), np.nan)
-    known = np.isfinite(s).all(axis=(-1, -2))
-    values, vectors = np.linalg.eigh(s[known])
+    finite = np.isfinite(s).all(axis=(-1, -2))
+    values, vectors = np.linalg.eigh(s[finite])
     turn = np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1])
-    out[known, 2:] = np.c_[_REACH * np.sqrt(np.maximum(values[:, ::-1], 0)), turn]
+    out[finite, 2:] = np.c_[_REACH * np.sqrt(np.maximum(values[:, ::-1], 0)), turn]
     for c in range(len(matrices)):
         out[c, :, :2] = shown(c, uv[c])
     return out
@@ -135,13 +135,13 @@ def ellipses(matrices: Array, xyz_m: Array, cov_m2: Array, shown: Shown, *, y_up
 def epipolar_lines(
     matrices: Array, ideal_px: Array, sizes_px: Sequence[Sequence[float]], shown: Shown
 ) -> list[list[list[list[float]]]]:
-    """For each camera the lines on which a marker lies by its place in each of the others, as pictures bend them.
+    """For each camera the lines on which a marker lies by its place in each of the others, as images bend them.
 
     Args:
         matrices: (C, 3, 4) projections.
         ideal_px: (C, 2) ideal pixels of the marker; NaN where it was not digitised.
-        sizes_px: Width and height of each picture.
-        shown: Ideal pixels as pictures show them.
+        sizes_px: Width and height of each image.
+        shown: Ideal pixels as images show them.
     """
     out: list[list[list[list[float]]]] = [[] for _ in matrices]
     for a in np.flatnonzero(np.isfinite(ideal_px[:, 0])).tolist():
@@ -165,7 +165,7 @@ def listed(values: Array) -> Any:
 
 
 def drawn(marks: Mapping[str, Array], lines: Sequence[Any]) -> list[dict[str, Any]]:
-    """What the page draws over the picture of each of C cameras.
+    """What the page draws over the image of each of C cameras.
 
     Args:
         marks: (C, M, ...) of each marker by what it is: ``click``, ``dot``, ``ellipse``, ``edited``.

@@ -40,7 +40,7 @@ class Place:
         last: Its last.
         worth_m2: Squared error that is expected in the run, summed over its frames.
         why: In a person's words.
-        camera: In whose picture; None: in any.
+        camera: In whose image; None: in any.
     """
 
     frame: int
@@ -141,7 +141,7 @@ class Proof(Pictures):
             "names": list(self.raw.names),
             "cameras": list(self.raw.camera_names),
             "sizes": self.sizes_px,
-            "films": self.films is not None,
+            "films": self.videos is not None,
             "n_frames": len(self.raw.t_s),
             "fps": self.raw.fps,
             "quantities": [] if self.result.plane is not None else list(self.result.kinematics),
@@ -149,16 +149,16 @@ class Proof(Pictures):
         }
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
-        """What is drawn over the pictures of a frame, and what is known of the marker there."""
+        """What is drawn over the images of a frame, and what is known of the marker there."""
         recording, markers = self.recording, self.tracks
         status = Status(int(markers.status[frame, marker])).name.lower()
         changed = recording.edited[frame]
-        told = {
+        shown = {
             "status": "edited" if changed[marker] and status == "measured" else status,
             "sd_mm": listed(1e3 * np.sqrt(np.trace(markers.cov_m2[frame, [marker]], axis1=1, axis2=2) / 3)),
         }
         if "pixels" not in recording.data:
-            return told | {"cameras": []}
+            return shown | {"cameras": []}
         pixels = recording.data["pixels"].values
         clicked = self.upright(pixels[:, frame])
         shapes, lines = np.full((*clicked.shape[:2], 5), np.nan), [[] for _ in clicked]
@@ -175,7 +175,7 @@ class Proof(Pictures):
             "ellipse": shapes,
             "edited": np.broadcast_to(changed.astype(float), clicked.shape[:2]),
         }
-        return told | {"cameras": drawn(marks, lines)}
+        return shown | {"cameras": drawn(marks, lines)}
 
     def scene(self) -> bytes:
         """The result as a recording of rerun."""
@@ -199,7 +199,7 @@ class Proof(Pictures):
         return places(self.tracks, self._measured, self.recording.edited)
 
     def place(self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None) -> str:
-        """A marker is at a place of a picture, or not to be seen there (None)."""
+        """A marker is at a place of an image, or not to be seen there (None)."""
         what = {"what": "unseen"} if uv_px is None else {"what": "place", "uv_px": uv_px}
         at = {"camera": self.raw.camera_names[camera], "marker": self.raw.names[marker]}
         return self.edit(**what, **at, frame=frame + 1)
@@ -221,7 +221,7 @@ class Proof(Pictures):
         """Add a correction to the log; it is on the disk when this returns. ``settle`` solves what it touches.
 
         Args:
-            **what: Fields of ``mocap.pipeline.edits.Edit``, ``uv_px`` as the picture counts.
+            **what: Fields of ``mocap.pipeline.edits.Edit``, ``uv_px`` as the image counts.
 
         Raises:
             MocapError: it names what is not there; nothing was kept then.
@@ -242,10 +242,10 @@ class Proof(Pictures):
 
     def settle(self) -> str:
         """Solve again what the corrections touch that were made since this was called last."""
-        said = "nothing to solve"
+        message = "nothing to solve"
         while self.pending:
-            said = self._settle(*self.pending.pop(0))
-        return said
+            message = self._settle(*self.pending.pop(0))
+        return message
 
     def _settle(self, edit: Edit, back: bool) -> str:
         """Solve again what an edit touches: around it, or around both ends of a range, whose middle is as it says."""
@@ -273,7 +273,7 @@ class Proof(Pictures):
             bare, left = self._cleaned
             cleaned = with_hand(bare, recording, left=left)
             moved = (cleaned.xyz_m != bare.xyz_m).any(axis=-1)
-        said = "; the model solves it when the trial is tracked again" if alone else ""
+        note = "; the model solves it when the trial is tracked again" if alone else ""
         for span in [] if alone else spans:
             try:
                 window, found = tracked_again(
@@ -286,7 +286,7 @@ class Proof(Pictures):
                     cleaned=cleaned,
                 )
             except MocapError as error:  # one ray alone: it is kept, and settles something with the next
-                said = f"; {error}"
+                note = f"; {error}"
                 continue
             frames = np.arange(len(status))[window]
             near = (frames[:, None] >= span[0]) & (frames[:, None] <= span[1])
@@ -298,8 +298,10 @@ class Proof(Pictures):
                 array[np.ix_(frames, which)] = np.where(new.reshape(*new.shape, *(1,) * (old.ndim - 2)), value, old)
         self.tracks = replace(tracks, xyz_m=xyz, cov_m2=cov, status=status)
         sd = self.tracks.sd_m[first, which[0]]
-        known = "is not known" if np.isnan(sd) else f"is known to {1e3 * sd:.2g} mm"
-        return f"{edit.marker} in frame {first + 1} {known}{said}{'' if back else self._missed(edit, first, which[0])}"
+        accuracy = "is not known" if np.isnan(sd) else f"is known to {1e3 * sd:.2g} mm"
+        return (
+            f"{edit.marker} in frame {first + 1} {accuracy}{note}{'' if back else self._missed(edit, first, which[0])}"
+        )
 
     def _missed(self, edit: Edit, frame: int, marker: int) -> str:
         """That a place is not where the track is: the other cameras or the motion contradict it."""
@@ -309,7 +311,11 @@ class Proof(Pictures):
         c = self.raw.camera_names.index(edit.camera)
         off = float(np.linalg.norm(self.shown(c, at[c][None])[0] - self.upright(np.array(edit.uv_px))))
         believed = not off > 5 * self._sd_px  # as rays are (``mocap.cameras.triangulate.robust``)
-        return "" if believed else f"; it misses the place in {edit.camera} by {off:.0f} px: place it elsewhere, too"
+        return (
+            ""
+            if believed
+            else f"; reprojection error in {edit.camera}: {off:.0f} px: digitise it in another camera, too"
+        )
 
     @property
     def _sd_px(self) -> float:
@@ -377,7 +383,7 @@ def _user() -> str:
 
 
 def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> Proof:
-    """Open a trial for proof-reading, with its films where they lie beside its tracks."""
+    """Open a trial for proof-reading, with its videos where they lie beside its tracks."""
     edits = read_edits(log) if log.is_file() else []
     pictures = pictures_of(recording)
     solves = pictures.raw.rows is not None and not of_one_camera(pictures.raw)

@@ -1,4 +1,4 @@
-"""Films in which a person clicks and the program finds and names the rest; a click is on the disk before its answer."""
+"""Videos in which a person clicks and the program finds and names the rest; a click is stored before its answer."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from mocap.desk.pictures import drawn, ellipses, epipolar_lines, listed
 from mocap.desk.proof import Place
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
-from mocap.digitising.films import Films
+from mocap.digitising.videos import Videos
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.skeleton import Skeleton, read_skeleton
@@ -27,10 +27,10 @@ UNSEEN = "saved_not_seen.csv"
 
 @dataclass(eq=False, kw_only=True)
 class Session:
-    """What the desk's room of films works on where ``mocap digitise`` opened it.
+    """What the desk's room of videos works on where ``mocap digitise`` opened it.
 
     Attributes:
-        films: Opened films.
+        videos: Opened videos.
         cameras: Their cameras.
         skeleton: The animal.
         fps: Frames a second.
@@ -44,7 +44,7 @@ class Session:
         found: What was digitised; None: nothing yet.
     """
 
-    films: Films
+    videos: Videos
     cameras: Sequence[Camera]
     skeleton: Skeleton
     fps: float
@@ -62,9 +62,9 @@ class Session:
             "trial": self.folder.name,
             "names": list(self.skeleton.markers),
             "cameras": [camera.name for camera in self.cameras],
-            "sizes": [list(movie.size_px) for movie in self.films.movies],
+            "sizes": [list(movie.size_px) for movie in self.videos.movies],
             "films": True,
-            "n_frames": self.films.n_frames,
+            "n_frames": self.videos.n_frames,
             "frame": self.clicks[0].frame if self.clicks else 0,
             "digitise": True,
             "commands": {"proof": self.command},
@@ -78,7 +78,7 @@ class Session:
                 self.clicks,
                 names=self.skeleton.markers,
                 cameras=[camera.name for camera in self.cameras],
-                n_frames=self.films.n_frames,
+                n_frames=self.videos.n_frames,
                 fps=self.fps,
             )
             write_unseen(draft / UNSEEN, self.clicks)
@@ -127,11 +127,11 @@ class Session:
 
     def settle(self) -> str:
         """Name again what the clicks change that were made or taken back since this was called last."""
-        said = "nothing to solve"
+        message = "nothing to solve"
         while self.pending:
             span = self.pending.pop(0)()
-            said = f"frames {span[0] + 1} to {span[1] + 1} were named again" if span else "named as before"
-        return said
+            message = f"frames {span[0] + 1} to {span[1] + 1} were named again" if span else "named as before"
+        return message
 
     def run(self) -> str:
         """Digitise with the clicks that there are."""
@@ -150,7 +150,7 @@ class Session:
             return path.read_bytes()
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
-        """What is drawn over the pictures of a frame, and what is known of the marker there."""
+        """What is drawn over the images of a frame, and what is known of the marker there."""
         shape, matrices = (len(self.cameras), len(self.skeleton.markers)), stacked(self.cameras)
         clicked, dots, shapes = np.full((*shape, 2), np.nan), np.full((*shape, 2), np.nan), np.full((*shape, 5), np.nan)
         for click in self.clicks:
@@ -166,7 +166,7 @@ class Session:
             shapes = ellipses(matrices, tracks.xyz_m[frame], tracks.cov_m2[frame], self._as_filmed)
             sd_mm = listed(1e3 * np.sqrt(np.trace(tracks.cov_m2[frame, [marker]], axis1=1, axis2=2) / 3))
         ideal = undistorted(self.cameras, clicked[:, [marker]])[:, 0]
-        lines = epipolar_lines(matrices, ideal, [movie.size_px for movie in self.films.movies], self._as_filmed)
+        lines = epipolar_lines(matrices, ideal, [movie.size_px for movie in self.videos.movies], self._as_filmed)
         n_clicks, n_dots = (int(np.isfinite(places[:, marker, 0]).sum()) for places in (clicked, dots))
         return {
             "status": f"clicked in {n_clicks}, found in {n_dots} of {len(self.cameras)}",
@@ -179,8 +179,8 @@ class Session:
         return uv_px if lens is None else lens.distort(uv_px)
 
     def picture(self, camera: int, frame: int) -> Any:
-        """A camera's picture in a frame; None: there is none."""
-        return self.films.picture(camera, frame)
+        """A camera's image in a frame; None: there is none."""
+        return self.videos.picture(camera, frame)
 
     def places(self) -> list[Place]:
         """Clicks that are asked for, the most useful first."""
@@ -189,20 +189,20 @@ class Session:
         cov_m2 = self.found.engine.tracks.cov_m2
         return [
             Place(
-                frame=asked.frame,
-                marker=asked.marker,
-                first=asked.frame,
-                last=asked.frame,
-                worth_m2=float(np.trace(cov_m2[asked.frame, asked.marker])),
-                why=f"click it in {self.cameras[asked.camera].name}",
-                camera=asked.camera,
+                frame=question.frame,
+                marker=question.marker,
+                first=question.frame,
+                last=question.frame,
+                worth_m2=float(np.trace(cov_m2[question.frame, question.marker])),
+                why=f"click it in {self.cameras[question.camera].name}",
+                camera=question.camera,
             )
-            for asked in self.found.questions()
+            for question in self.found.questions()
         ]
 
 
 def open_session(
-    films: Sequence[Path],
+    videos: Sequence[Path],
     *,
     calibration: Path,
     skeleton: Path,
@@ -216,16 +216,16 @@ def open_session(
     error_px: float = 1.0,
     command: str = "",
 ) -> Session:
-    """A session on films; it goes on with the clicks of ``start``, or else with those saved in ``folder``.
+    """A session on videos; it goes on with the clicks of ``start``, or else with those saved in ``folder``.
 
     Arguments as of ``mocap.digitise``; ``command`` as of ``Session``.
 
     Raises:
-        MocapError: the films do not fit the calibration, a file cannot be read, or clicks saved in ``folder`` would be
+        MocapError: the videos do not fit the calibration, a file cannot be read, or clicks saved in ``folder`` would be
             replaced by those of ``start``.
     """
-    opened, cameras = open_with_crops(films, cameras_of(calibration, profile), crop, offset_frames)
-    known = read_skeleton(skeleton)
+    opened, cameras = open_with_crops(videos, cameras_of(calibration, profile), crop, offset_frames)
+    animal = read_skeleton(skeleton)
     saved = folder / SAVED
     if start is not None and saved.is_file() and not saved.samefile(start):
         raise MocapError(
@@ -233,19 +233,19 @@ def open_session(
             "leave `start` out to go on with them, or give another folder"
         )
     earlier = start or (saved if saved.is_file() else None)
-    clicks = [] if earlier is None else read_clicks(earlier, known, n_cameras=len(cameras), n_frames=opened.n_frames)
+    clicks = [] if earlier is None else read_clicks(earlier, animal, n_cameras=len(cameras), n_frames=opened.n_frames)
     if earlier is not None and (unseen := earlier.parent / UNSEEN).is_file():
         clicks += read_unseen(unseen)
-        check_clicks(clicks, (len(cameras), opened.n_frames, len(known.markers)), empty=True)
+        check_clicks(clicks, (len(cameras), opened.n_frames, len(animal.markers)), empty=True)
     rate = fps or opened.movies[0].fps
     if rate is None:
-        raise MocapError("the frame rate is in no film: give `fps`")
+        raise MocapError("the frame rate is in no video: give `fps`")
 
     def track(given: list[Click]) -> Digitised:
         return digitise(
-            list(films),
+            list(videos),
             calibration=calibration,
-            skeleton=known,
+            skeleton=animal,
             start=given,
             model=model,
             profile=profile,
@@ -256,9 +256,9 @@ def open_session(
         )
 
     return Session(
-        films=opened,
+        videos=opened,
         cameras=cameras,
-        skeleton=known,
+        skeleton=animal,
         fps=float(rate),
         track=track,
         folder=folder,

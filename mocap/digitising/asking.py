@@ -33,7 +33,7 @@ class Question:
 
 
 def pixel_sd(engine: Engine) -> Array:
-    """(T, M) standard deviation of a coordinate of each marker in the picture that knows it least, in pixels.
+    """(T, M) standard deviation of a coordinate of each marker in the image that knows it least, in pixels.
 
     Of each camera it is the root of half the trace of the covariance; infinite where nothing is known.
     """
@@ -51,7 +51,7 @@ def questions(engine: Engine, *, error_px: float, most: int) -> list[Question]:
 
     A click at time t with the gain k leaves (1 - k) of the variance there; within a stretch, positions at t and t' are
     taken to be correlated by min(s, s') / max(s, s') of their deviations, as between two ends that are known. What a
-    click removes counts by how likely the film shows the marker there. No place is asked about twice.
+    click removes counts by how likely the video shows the marker there. No place is asked about twice.
 
     Args:
         engine: What is known.
@@ -81,14 +81,14 @@ def questions(engine: Engine, *, error_px: float, most: int) -> list[Question]:
         gains = gains * (1 - 1e-3 * np.abs(frames - frames.mean()) / max(len(frames), 1))
         tried = np.unique([int(np.argmax(gains)), *np.linspace(0, len(frames) - 1, 7).astype(int)])
         seen, gone = shown[:, :, marker], hidden[:, :, marker]
-        asked = []
+        candidates = []
         for at in tried:
             frame = int(frames[at])
             likely = in_sight(seen, gone, frame)
             question = _in_best_camera(engine, frame, marker, float(gains[at]), answered, likely)
-            asked += [] if question is None else [question]
-        if asked:
-            found.append(max(asked, key=lambda question: question.removes_m2))
+            candidates += [] if question is None else [question]
+        if candidates:
+            found.append(max(candidates, key=lambda question: question.removes_m2))
     return sorted(found, key=lambda q: -q.removes_m2)[:most]
 
 

@@ -1,4 +1,4 @@
-"""What a person clicked: places of markers in pictures, kept in DLTdv's format too."""
+"""What a person clicked: places of markers in images, kept in DLTdv's format too."""
 
 import csv
 from collections.abc import Iterable, Sequence
@@ -41,7 +41,7 @@ def read_clicks(path: Path, skeleton: Skeleton, *, n_cameras: int, n_frames: int
     """Clicks of any file of pixels that mocap knows (DLTdv's xypts, a project, ...).
 
     Raises:
-        FormatError: it holds no pixels, those of another number of cameras, or frames after the end of the films.
+        FormatError: it holds no pixels, those of another number of cameras, or frames after the end of the videos.
         SkeletonError: none of its markers is in the skeleton.
     """
     contents = read(path, Hints(cameras=n_cameras))
@@ -49,25 +49,25 @@ def read_clicks(path: Path, skeleton: Skeleton, *, n_cameras: int, n_frames: int
     if pixels is None:
         raise FormatError(f"{path.name}: contains no pixels ({contents.format}): give clicks as DLTdv's xypts")
     if len(pixels.cameras) != n_cameras:
-        raise FormatError(f"{path.name}: clicks of {len(pixels.cameras)} cameras for {n_cameras} films")
+        raise FormatError(f"{path.name}: clicks of {len(pixels.cameras)} cameras for {n_cameras} videos")
     names = skeleton.renamed(pixels.names)
-    known = {i: skeleton.markers.index(name) for i, name in enumerate(names) if name in skeleton.markers}
-    if not known:
+    marker_of = {i: skeleton.markers.index(name) for i, name in enumerate(names) if name in skeleton.markers}
+    if not marker_of:
         raise FormatError(
             f"{path.name}: its markers ({', '.join(names[:5])}, ...) are not in the skeleton "
             f"({', '.join(skeleton.markers[:5])}, ...): correct the names, or map them under [aliases]"
         )
     out = []
     for camera, row, column in np.argwhere(pixels.seen):
-        if column not in known:
+        if column not in marker_of:
             continue
         frame, (u, v) = int(contents.frames[row]) - 1, pixels.uv_px[camera, row, column]
         if frame >= n_frames:
             raise FormatError(
-                f"{path.name}: frame {frame + 1} is clicked, but the films have {n_frames} frames in step: check "
-                "`offset_frames`, and that the clicks belong to these films"
+                f"{path.name}: frame {frame + 1} is clicked, but the videos have {n_frames} frames in step: check "
+                "`offset_frames`, and that the clicks belong to these videos"
             )
-        out.append(Click(camera=int(camera), frame=frame, marker=known[column], uv_px=(float(u), float(v))))
+        out.append(Click(camera=int(camera), frame=frame, marker=marker_of[column], uv_px=(float(u), float(v))))
     return out
 
 

@@ -1,4 +1,4 @@
-"""Digitise films: from a few clicks to named pixels and positions with intervals."""
+"""Digitise videos: from a few clicks to named pixels and positions with intervals."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from mocap.cameras.camera import Camera, check_cameras
 from mocap.digitising.asking import Question, pixel_sd, questions
 from mocap.digitising.clicks import Click, places, read_clicks
 from mocap.digitising.engine import Engine, Progress
-from mocap.digitising.films import Films, check_order, open_films, open_windows
 from mocap.digitising.pose import PoseGaussian, fit_poses
+from mocap.digitising.videos import Videos, check_order, open_videos, open_windows
 from mocap.digitising.write import Report, named_pixels, report_of, write_digitised
 from mocap.errors import FormatError, MocapError
 from mocap.filters.model import LearnedModel
@@ -30,7 +30,7 @@ PathText = str | PathLike[str]
 
 @dataclass(eq=False)
 class Digitised:
-    """Films that were digitised; ``click`` goes on.
+    """Videos that were digitised; ``click`` goes on.
 
     Attributes:
         engine: Dots, names, positions and clicks.
@@ -57,9 +57,9 @@ class Digitised:
     def points(self) -> MarkerTracks:
         """Positions of all markers with covariance; ``smoothed`` where fewer than two cameras show the marker."""
         tracks = self.engine.tracks
-        known = np.isfinite(tracks.xyz_m[..., 0])
-        status = np.where(tracks.rays >= 2, Status.MEASURED, np.where(known, Status.SMOOTHED, Status.MISSING))
-        t_s = np.arange(len(known)) / self.fps
+        finite = np.isfinite(tracks.xyz_m[..., 0])
+        status = np.where(tracks.rays >= 2, Status.MEASURED, np.where(finite, Status.SMOOTHED, Status.MISSING))
+        t_s = np.arange(len(finite)) / self.fps
         return MarkerTracks(names=self.engine.names, t_s=t_s, xyz_m=tracks.xyz_m, cov_m2=tracks.cov_m2, status=status)
 
     @property
@@ -69,7 +69,7 @@ class Digitised:
 
     @property
     def sd_px(self) -> Array:
-        """(T, M) standard deviation of each marker in the picture that knows it least."""
+        """(T, M) standard deviation of each marker in the image that knows it least."""
         return pixel_sd(self.engine)
 
     def questions(self, most: int = 40) -> list[Question]:
@@ -90,7 +90,7 @@ class Digitised:
         return self.engine.undo(count)
 
     def swapped(self, a: str, b: str, first: int, last: int) -> list[Click]:
-        """Clicks that exchange the names of two markers in all films, from frame ``first`` to ``last`` (from 0).
+        """Clicks that exchange the names of two markers in all videos, from frame ``first`` to ``last`` (from 0).
 
         Give them to ``click(..., within=True)``: what was named ``a`` is ``b`` then, and the other way round, as if
         clicked by hand.
@@ -109,7 +109,7 @@ class Digitised:
         ]
 
     def deleted(self, marker: str, first: int, last: int, *, camera: int | None = None) -> list[Click]:
-        """Clicks that say of a range of frames that a marker is not to be seen; ``camera`` None: in no film.
+        """Clicks that say of a range of frames that a marker is not to be seen; ``camera`` None: in no video.
 
         Raises:
             MocapError: there are no such marker or frames.
@@ -124,9 +124,9 @@ class Digitised:
         return self.engine.names.index(name)
 
     def _range(self, first: int, last: int) -> range:
-        n = self.engine.films.n_frames
+        n = self.engine.videos.n_frames
         if not 0 <= first <= last < n:
-            raise MocapError(f"frames {first + 1} to {last + 1} are not a range of the films' {n} frames")
+            raise MocapError(f"frames {first + 1} to {last + 1} are not a range of the videos' {n} frames")
         return range(first, last + 1)
 
     def ask(self, answer: Callable[[Question], tuple[float, float] | None], *, budget: int) -> int:
@@ -140,9 +140,9 @@ class Digitised:
             todo = self.questions(1)
             if not todo:
                 return made
-            asked = todo[0]
-            place = answer(asked)
-            self.click([Click(camera=asked.camera, frame=asked.frame, marker=asked.marker, uv_px=place)])
+            question = todo[0]
+            place = answer(question)
+            self.click([Click(camera=question.camera, frame=question.frame, marker=question.marker, uv_px=place)])
         return budget
 
     def save(self, folder: PathText, *, overwrite: bool = False) -> None:
@@ -160,7 +160,7 @@ class Digitised:
 
 
 def digitise(
-    films: PathText | Sequence[PathText],
+    videos: PathText | Sequence[PathText],
     *,
     calibration: PathText,
     skeleton: PathText | Skeleton,
@@ -173,65 +173,65 @@ def digitise(
     error_px: float = 1.0,
     progress: Progress = lambda _stage, _share: None,
 ) -> Digitised:
-    """Find and name markers in the films of calibrated cameras.
+    """Find and name markers in the videos of calibrated cameras.
 
     In each frame a filter predicts where every marker is, with its covariance; dots are looked for in these windows of
-    all pictures, and are named together: by the predicted covariance, by rays that meet, by the lengths of the bones,
+    all images, and are named together: by the predicted covariance, by rays that meet, by the lengths of the bones,
     and by the pose. A second pass backward decides what a crossing left open. What is not sure is left unnamed, and the
     next click that removes most variance can be asked for (``questions``, ``ask``).
 
     Args:
-        films: A film or folder of pictures for each camera, in the order of the cameras; or a folder of them.
+        videos: A video or folder of images for each camera, in the order of the cameras; or a folder of them.
         calibration: Cameras, in any format that mocap knows; pixels count rows from the upper left corner.
         skeleton: Skeleton TOML, or a skeleton: markers, rigid bones, trunk.
         start: First clicks: a file of pixels (DLTdv's xypts, ...) or clicks; each marker in two cameras in one frame.
         model: A file of ``mocap learn``, or a model: poses of other recordings tell where hidden markers are.
         profile: Camera profile with the lenses.
-        fps: Frames a second; None: as the first film says.
-        offset_frames: Frame of each film minus frame of the tracks.
-        crop: Crop offsets (files, or a folder of them) of films that are windows of the calibrated pictures; clicks
+        fps: Frames a second; None: as the first video says.
+        offset_frames: Frame of each video minus frame of the tracks.
+        crop: Crop offsets (files, or a folder of them) of videos that are windows of the calibrated images; clicks
             and results then count in the windows, and the calibration that is written is theirs.
         error_px: Clicks are asked for where a marker is known worse than that, in pixels.
         progress: Called with a stage and the share of it that is done.
 
     Raises:
-        MocapError: the films do not fit the calibration (number, size, order), or there are no clicks to begin with.
+        MocapError: the videos do not fit the calibration (number, size, order), or there are no clicks to begin with.
         FormatError: a file cannot be read.
         SkeletonError: the skeleton cannot be read.
     """
     cameras = cameras_of(Path(calibration), None if profile is None else Path(profile))
-    given = [films] if isinstance(films, (str, PathLike)) else list(films)
-    opened, cameras = open_with_crops([Path(film) for film in given], cameras, crop, offset_frames)
-    known = skeleton if isinstance(skeleton, Skeleton) else read_skeleton(Path(skeleton))
+    given = [videos] if isinstance(videos, (str, PathLike)) else list(videos)
+    opened, cameras = open_with_crops([Path(video) for video in given], cameras, crop, offset_frames)
+    animal = skeleton if isinstance(skeleton, Skeleton) else read_skeleton(Path(skeleton))
     if isinstance(start, (str, PathLike)):
-        clicks = read_clicks(Path(start), known, n_cameras=len(cameras), n_frames=opened.n_frames)
+        clicks = read_clicks(Path(start), animal, n_cameras=len(cameras), n_frames=opened.n_frames)
     else:
         clicks = list(start)
-    shape = (len(cameras), opened.n_frames, len(known.markers))
+    shape = (len(cameras), opened.n_frames, len(animal.markers))
     check_clicks(clicks, shape)
     frames = sorted({click.frame for click in clicks})
     table = places(clicks, shape)[:, frames]
     check_order(cameras, table.reshape(len(cameras), -1, 2), opened.movies)
-    poses = None if model is None else poses_of_model(model, known)
-    engine = Engine(films=opened, cameras=cameras, skeleton=known, poses=poses, clicks=clicks)
+    poses = None if model is None else poses_of_model(model, animal)
+    engine = Engine(videos=opened, cameras=cameras, skeleton=animal, poses=poses, clicks=clicks)
     engine.decode(progress=progress)
     rate = fps or opened.movies[0].fps
     if rate is None:
-        raise MocapError("the frame rate is in no film: give `fps`")
+        raise MocapError("the frame rate is in no video: give `fps`")
     return Digitised(engine, float(rate), error_px)
 
 
 def open_with_crops(
-    films: Sequence[Path],
+    videos: Sequence[Path],
     cameras: Sequence[Camera],
     crop: PathText | Sequence[PathText] | None,
     offset_frames: Sequence[int] | None,
-) -> tuple[Films, tuple[Camera, ...]]:
-    """Films, and the cameras of their pictures: those given, or of windows of their pictures. As ``digitise``."""
+) -> tuple[Videos, tuple[Camera, ...]]:
+    """Videos, and the cameras of their images: those given, or of windows of their pictures. As ``digitise``."""
     if not crop:
-        return open_films(films, cameras, offset_frames=offset_frames), tuple(cameras)
+        return open_videos(videos, cameras, offset_frames=offset_frames), tuple(cameras)
     files = [crop] if isinstance(crop, (str, PathLike)) else crop
-    return open_windows(films, cameras, crops_of([Path(file) for file in files]), offset_frames=offset_frames)
+    return open_windows(videos, cameras, crops_of([Path(file) for file in files]), offset_frames=offset_frames)
 
 
 def check_clicks(clicks: Sequence[Click], shape: tuple[int, int, int], *, empty: bool = False) -> None:
@@ -241,7 +241,7 @@ def check_clicks(clicks: Sequence[Click], shape: tuple[int, int, int], *, empty:
         MocapError: one is, or there are none.
     """
     if not clicks and not empty:
-        raise MocapError("`start`: there are no clicks: click each marker in two or more films of one frame")
+        raise MocapError("`start`: there are no clicks: click each marker in two or more videos of one frame")
     for click in clicks:
         place = (click.camera, click.frame, click.marker)
         if not all(0 <= i < n for i, n in zip(place, shape, strict=True)):

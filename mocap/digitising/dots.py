@@ -1,4 +1,4 @@
-"""Dots in a picture: painted markers or reflective tape, bright or dark, to a fraction of a pixel."""
+"""Dots in an image: painted markers or reflective tape, bright or dark, to a fraction of a pixel."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _RADII_PX = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.5, 11.0)
 
 @dataclass(frozen=True, kw_only=True)
 class DotLook:
-    """What the dots of a film look like.
+    """What the dots of a video look like.
 
     Attributes:
         radius_px: Their radius.
@@ -78,7 +78,7 @@ def response(grey: Grey, radius_px: float, *, bright: bool) -> NDArray[np.float3
 
 
 def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0)) -> Array:
-    """Find the dots of a picture or of a window of it.
+    """Find the dots of an image or of a window of it.
 
     A dot is a local maximum of ``response``; its place is the top of the parabola through the logarithms of the 3 x 3
     responses about it.
@@ -86,7 +86,7 @@ def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0)) ->
     Args:
         grey: (h, w) grey levels.
         look: What dots look like.
-        corner: Column and row of the window's first pixel in the picture.
+        corner: Column and row of the window's first pixel in the image.
 
     Returns:
         (K, 3) column and row, counted from 0, and the response; strongest first.
@@ -96,7 +96,7 @@ def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0)) ->
     found = response(grey, look.radius_px, bright=look.bright)
     size = 2 * max(1, round(0.6 * look.radius_px)) + 1
     top = cv2.dilate(found, np.ones((size, size), np.uint8))
-    # many times faster than np.nonzero of a picture
+    # many times faster than np.nonzero of an image
     v, u = np.divmod(np.flatnonzero((found >= top) & (found > look.least)), grey.shape[1])
     inside = (u > 0) & (v > 0) & (u < grey.shape[1] - 1) & (v < grey.shape[0] - 1)
     u, v = u[inside], v[inside]
@@ -120,7 +120,7 @@ def look_of(pictures: Sequence[Grey], clicks: Sequence[Array], *, reach_px: floa
     """What dots look like, from places where a person clicked on them.
 
     Args:
-        pictures: Pictures.
+        pictures: Images.
         clicks: (K, 2) places in each, counted from 0.
         reach_px: So far from a click its dot may be.
 

@@ -1,4 +1,4 @@
-"""The passes over a film: forward while it is decoded, backward over the dots that were kept, and again after clicks.
+"""The passes over a video: forward while it is decoded, backward over the dots that were kept, and again after clicks.
 
 Forward, each frame's windows follow from the frames before; dots are looked for in these windows only. Backward, they
 follow from the frames before and after, so that what a crossing left open is decided by what came after it.
@@ -16,8 +16,7 @@ from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click, places
 from mocap.digitising.dots import DotLook, Grey, Strength, find_dots, look_of, strength_of
-from mocap.digitising.errors import RayErrors, ray_errors, stated
-from mocap.digitising.films import Films, grey_levels
+from mocap.digitising.errors import RayErrors, lasting_covariance, ray_errors
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, jerk_density, positioned, predicted
 from mocap.digitising.naming import MERGED, Named, seen_from, update, window_cov
@@ -25,6 +24,7 @@ from mocap.digitising.observer import APART, Observer, crowding
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
 from mocap.digitising.texture import MOST_REACH_PX, Followed, begun, followed
+from mocap.digitising.videos import Videos, grey_levels
 from mocap.errors import MocapError
 from mocap.filters.anatomy import ends_among
 from mocap.io.movies import FIRST_PIXEL
@@ -44,7 +44,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(eq=False)
 class Tracks:
-    """What is known of T frames of M markers in C cameras; grows while a film is decoded and is mended by clicks.
+    """What is known of T frames of M markers in C cameras; grows while a video is decoded and is mended by clicks.
 
     Attributes:
         dots: Of each frame (C, K, 3): recorded column and row counted as DLTdv does, and response; NaN: fewer dots.
@@ -79,10 +79,10 @@ class Tracks:
 
 @dataclass(eq=False)
 class Engine:
-    """Films, cameras and clicks, and what follows from them.
+    """Videos, cameras and clicks, and what follows from them.
 
     Attributes:
-        films: Opened films.
+        videos: Opened videos.
         cameras: C cameras of them.
         skeleton: The animal; its M markers are named.
         poses: How the animal moves; None: learned from the film itself as far as it is named.
@@ -90,7 +90,7 @@ class Engine:
         tracks: What is known so far; empty before ``decode``.
     """
 
-    films: Films
+    videos: Videos
     cameras: Sequence[Camera]
     skeleton: Skeleton
     poses: PoseGaussian | None = None
@@ -101,12 +101,12 @@ class Engine:
         """Prepare what does not change."""
         self.names = self.skeleton.markers
         self.matrices = stacked(self.cameras)
-        sizes = [movie.size_px for movie in self.films.movies]
+        sizes = [movie.size_px for movie in self.videos.movies]
         self.straight: list[Straightening] = [
             straightening_of(camera, size) for camera, size in zip(self.cameras, sizes, strict=True)
         ]
         self.sizes = sizes
-        shape = (self.films.n_frames, len(self.names))
+        shape = (self.videos.n_frames, len(self.names))
         n_cameras = len(self.cameras)
         self.tracks = Tracks(
             dots=[np.full((n_cameras, 0, 3), np.nan)] * shape[0],
@@ -152,7 +152,7 @@ class Engine:
                 best = n, frame
         if best[0] < 1:
             raise MocapError(
-                "`start`: no marker is clicked in two cameras in one frame: click each marker in two or more films of "
+                "`start`: no marker is clicked in two cameras in one frame: click each marker in two or more videos of "
                 "a frame that shows it"
             )
         frame = best[1]
@@ -195,7 +195,7 @@ class Engine:
         return np.stack([straight(uv) for straight, uv in zip(self.straight, uv_px, strict=True)])
 
     def _dots(self, pictures: "list[Grey | None]", windows: "Sequence[tuple[int, int, int, int] | None]") -> Array:
-        """(C, K, 3) dots of a frame in a window (left, top, right, bottom) of each picture; None: in all of it."""
+        """(C, K, 3) dots of a frame in a window (left, top, right, bottom) of each image; None: in all of it."""
         look = self.look
         found = []
         for picture, window in zip(pictures, windows, strict=True):
@@ -241,9 +241,9 @@ class Engine:
             t.crowding[frame][camera, k] = point.sd_px
 
     def _forget_texture(self, camera: int, marker: int) -> list[int]:
-        """Drop where a marker's texture was found in a film; the frames that it was found in."""
+        """Drop where a marker's texture was found in a video; the frames that it was found in."""
         t, out = self.tracks, []
-        for frame in range(self.films.n_frames):
+        for frame in range(self.videos.n_frames):
             k = t.owner[frame][camera] == marker
             if np.isfinite(t.dots[frame][camera, k, 0]).any():
                 t.dots[frame][camera, k], t.ideal[frame][camera, k] = np.nan, np.nan
@@ -257,15 +257,15 @@ class Engine:
         return np.where(self.tracks.owner[frame] < 0, self.observer.sd_px * factor, factor)
 
     def _windows(self, state: State) -> "list[tuple[int, int, int, int] | None]":
-        """The part of each picture in which markers are expected; None: anywhere."""
+        """The part of each image in which markers are expected; None: anywhere."""
         uv, jacobian = seen_from(self.matrices, state.xyz_m)
         s = window_cov(jacobian, state.cov_m2, self.observer.sd_px)
         reach = 4.0 * np.sqrt(np.maximum(s[..., 0, 0], s[..., 1, 1]))
         margin = 12.0 + (4.0 * self.look.radius_px if self.look else 0.0)
         out: list[tuple[int, int, int, int] | None] = []
         for c, (width, height) in enumerate(self.sizes):
-            known = np.isfinite(uv[c, :, 0]) & (reach[c] < 4 * _WIDE_PX)
-            if known.sum() < 0.5 * len(known):
+            predicted = np.isfinite(uv[c, :, 0]) & (reach[c] < 4 * _WIDE_PX)
+            if predicted.sum() < 0.5 * len(predicted):
                 out.append(None)
                 continue
             lens = self.cameras[c].lens
@@ -302,13 +302,13 @@ class Engine:
         return np.where(self.tracks.owner[frame] < 0, self.strength.faintness(found), 0.0)
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
-        """Decode the films once: forward pass and dots; then the backward pass.
+        """Decode the videos once: forward pass and dots; then the backward pass.
 
         Raises:
             MocapError: there are no clicks to begin with.
         """
         start, xyz, cov = self.first_points()
-        n = self.films.n_frames
+        n = self.videos.n_frames
         if self.look is None:
             self.look = self._look(start)
         if self.look is not None:
@@ -318,7 +318,7 @@ class Engine:
             self.strength = Strength(log_median=usual, log_sd=np.full(n_cameras, 0.25))  # before it is measured
         state: State | None = None
         waiting: list[int] = []
-        for frame, pictures in enumerate(self.films.pictures()):
+        for frame, pictures in enumerate(self.videos.pictures()):
             progress("finding and naming dots", frame / n)
             if state is None:
                 self._keep(frame, self._dots(pictures, [None] * len(pictures)))
@@ -341,7 +341,7 @@ class Engine:
         if start and self.observer.textured.any():
             self._follow_from([c for c in self.by_frame[start] if self.observer.textured[c.marker]], ahead=False)
         self._backward(n - 1, 0, None, progress=progress)
-        # once more over the dots, with the poses of the whole film and the noise as it was found
+        # once more over the dots, with the poses of the whole video and the noise as it was found
         self._estimate_sd(start)
         if self.own_poses:
             self.learn_poses()
@@ -355,7 +355,7 @@ class Engine:
             uv = self._clicked(frame)
             for c in range(len(self.cameras)):
                 there = np.flatnonzero(np.isfinite(uv[c, :, 0]))
-                picture = self.films.picture(c, frame) if len(there) else None
+                picture = self.videos.picture(c, frame) if len(there) else None
                 if picture is not None:
                     pictures.append(picture)
                     places.append(uv[c, there] - FIRST_PIXEL)
@@ -413,7 +413,7 @@ class Engine:
         for click in clicks:
             if click.uv_px is None or not self.observer.textured[click.marker]:
                 continue
-            picture = self.films.picture(click.camera, click.frame)
+            picture = self.videos.picture(click.camera, click.frame)
             if picture is None:
                 continue
             c, m = click.camera, click.marker
@@ -437,13 +437,13 @@ class Engine:
         return out
 
     def _one_film(self, camera: int, frame: int, ahead: bool) -> "Iterator[tuple[int, Grey]]":
-        """Frames and pictures of one film after a frame, or before it from the last to the first; a few in memory."""
-        offset = self.films.offset_frames[camera]
+        """Frames and images of one video after a frame, or before it from the last to the first; a few in memory."""
+        offset = self.videos.offset_frames[camera]
         step = _PIECE if ahead else -_PIECE
         begin = frame + 1 if ahead else frame
-        while 0 < begin <= self.films.n_frames - ahead:
-            block = np.arange(*sorted((begin, np.clip(begin + step, 0, self.films.n_frames))))
-            found = self.films.movies[camera].frames(block + offset)
+        while 0 < begin <= self.videos.n_frames - ahead:
+            block = np.arange(*sorted((begin, np.clip(begin + step, 0, self.videos.n_frames))))
+            found = self.videos.movies[camera].frames(block + offset)
             pictures = [(int(at), grey_levels(x)) for at, x in zip(block, found, strict=True) if x is not None]
             yield from pictures if ahead else pictures[::-1]
             begin += step
@@ -457,7 +457,7 @@ class Engine:
             state = first_state(xyz, cov, speed)
             self.density = density
             trial, rays = state, 0.0
-            for frame in range(start, min(start + _TRIAL_FRAMES, self.films.n_frames)):
+            for frame in range(start, min(start + _TRIAL_FRAMES, self.videos.n_frames)):
                 if frame > start:
                     trial = self._ahead(trial)
                 named, trial = self._observed(frame, trial)
@@ -465,7 +465,7 @@ class Engine:
             if best is None or rays > 1.02 * best[0]:
                 best = rays, state, density
         if best is None:
-            raise MocapError("the films have no frame in step: check `offset_frames`")
+            raise MocapError("the videos have no frame in step: check `offset_frames`")
         self.density = best[2]
         return best[1]
 
@@ -483,11 +483,11 @@ class Engine:
         self._take(frame, named)
         self.tracks.density[frame] = self.density
         # follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found
-        known = np.isfinite(named.surprise)
-        ratio = np.clip(named.surprise[known], 0.0, 30.0)
-        self.density[known] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
+        finite = np.isfinite(named.surprise)
+        ratio = np.clip(named.surprise[finite], 0.0, 30.0)
+        self.density[finite] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
         self.density[named.rays == 0] *= 1.3
-        self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
+        self.most = np.maximum(self.most, np.where(finite, self.density, 0.0))
         floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
         self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
         self.observer.measure_bones(named)
@@ -545,15 +545,15 @@ class Engine:
             self.density = self.tracks.density[min(frame + 1, last)]
             ahead = None if state is None else self._ahead(state)
             forward = self.tracks.forward[frame]
-            known = np.isfinite(forward[:, 0]).all()
+            complete = np.isfinite(forward[:, 0]).all()
             if ahead is None:
-                if not known:
+                if not complete:
                     continue
                 ahead = unpacked(forward).turned().looser(1e4)
             if frame < settled and _alike(ahead, unpacked(self.tracks.backward[frame])):
                 return frame + 1
             self.tracks.backward[frame] = packed(ahead)
-            both = fused(unpacked(forward), ahead.turned()) if known else ahead.turned()
+            both = fused(unpacked(forward), ahead.turned()) if complete else ahead.turned()
             named, _ = self._observed(frame, both)
             # the dots that both sides named, seen from the frames after alone
             seen = self._places(frame, named)
@@ -578,7 +578,7 @@ class Engine:
         met = named.rays >= 2
         _, jacobian = seen_from(self.matrices, named.xyz_m)
         used = np.where(np.isfinite(seen[..., 0])[..., None, None], jacobian, 0.0)
-        cov[met] = stated(self.errors, used, sd_px, named.cov_m2)[met]
+        cov[met] = lasting_covariance(self.errors, used, sd_px, named.cov_m2)[met]
 
     def _places(self, frame: int, named: Named) -> Array:
         """(C, M, 2) ideal pixels of named dots and clicks; NaN: none."""
@@ -588,7 +588,7 @@ class Engine:
             out = np.full((*named.dot.shape, 2), np.nan)
         else:
             out = np.where((named.dot >= 0)[..., None], ideal[camera, np.maximum(named.dot, 0)], np.nan)
-        _, clicks = self.observer.known(ideal, self._ideal(self._clicked(frame)))
+        _, clicks = self.observer.dots_of_clicks(ideal, self._ideal(self._clicked(frame)))
         return np.where(np.isfinite(clicks), clicks, out)
 
     def _deviations(self, frame: int, named: Named) -> Array:
@@ -641,7 +641,7 @@ class Engine:
 
     def _about(self, first: int, last: int, within: bool) -> tuple[int, int]:
         """Both passes from a range of frames on, until they come to what they were."""
-        t, n = self.tracks, self.films.n_frames
+        t, n = self.tracks, self.videos.n_frames
         begun = np.flatnonzero(np.isfinite(np.asarray(t.forward)[:, 0, 0]))
         begin = max(first, int(begun[0])) if len(begun) else n
         state = unpacked(t.forward[begin]) if begin < n else None
@@ -676,7 +676,7 @@ class Engine:
             return
         start = int(np.argmax(begun))
         state = unpacked(self.tracks.forward[start])
-        n, stage = self.films.n_frames, "once more with all poses"
+        n, stage = self.videos.n_frames, "once more with all poses"
         for frame in range(start, n):
             progress(stage, 0.5 * (frame - start) / (n - start))
             self.density = self.tracks.density[frame]
@@ -689,14 +689,14 @@ class Engine:
     def learn_poses(self, end: int | None = None) -> None:
         """Learn the pose from the frames that are named so far."""
         t = self.tracks
-        known = np.where((t.rays[:end] >= 2)[..., None], t.xyz_m[:end], np.nan)
-        found = fit_poses(known, self.trunk, least_sd_m=1e-3 * self.observer.length_m)
+        measured = np.where((t.rays[:end] >= 2)[..., None], t.xyz_m[:end], np.nan)
+        found = fit_poses(measured, self.trunk, least_sd_m=1e-3 * self.observer.length_m)
         self.poses = self.observer.poses = found or self.poses
 
     def _estimate_sd(self, first: int) -> None:
         """Standard deviation of a dot, from how the rays of named dots meet, and what of their errors lasts."""
         camera = np.arange(len(self.cameras))[:, None]
-        n = self.films.n_frames
+        n = self.videos.n_frames
         # pieces of frames that follow one another
         begins = np.unique(np.linspace(first, max(first, n - _PIECE), _PIECES).astype(int))
         frames = np.unique(np.minimum(begins[:, None] + np.arange(_PIECE), n - 1))
@@ -725,7 +725,7 @@ class Engine:
         """Errors of textures last: what a template misses by is missed again.
 
         Their size is that of how rays meet, but at least 1.5 of what is stated of each: what passes by
-        pulls a point in all films alike.
+        pulls a point in all videos alike.
         """
         textured, n = self.observer.textured, len(self.names)
         own = [self._sd_px(frame)[(self.tracks.owner[frame] >= 0)] for frame in frames.tolist()]
@@ -735,11 +735,11 @@ class Engine:
             usual = float(np.median(own_sd[np.isfinite(own_sd)])) if np.isfinite(own_sd).any() else np.nan
             found = triangulate.apparent_sd(self.matrices, uv) / usual
             scale = max(found, scale) if np.isfinite(found) else scale
-        known = self.errors or RayErrors(sd_px=self.observer.sd_px, variance=np.ones(n), lasting=np.zeros(n))
+        errors = self.errors or RayErrors(sd_px=self.observer.sd_px, variance=np.ones(n), lasting=np.zeros(n))
         self.errors = replace(
-            known,
-            variance=np.where(textured, scale**2, known.variance),
-            lasting=np.where(textured, 1.0, known.lasting),
+            errors,
+            variance=np.where(textured, scale**2, errors.variance),
+            lasting=np.where(textured, 1.0, errors.lasting),
         )
 
 

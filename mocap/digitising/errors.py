@@ -10,8 +10,8 @@ from mocap.digitising.naming import seen_from
 
 _PRIOR_COUNTS = 20  # redundant errors: so many show a scale to 1 / sqrt(2 * 20) = 16 %
 SHARED = 0.3
-"""Share of the lasting variance that is the same in all pictures: dots are drawn towards what is bright beside them.
-Rays that meet do not show it; chosen on films of the twins with 8 cameras (lizard, seeds 5 and 6; bat, seed 6)."""
+"""Share of the lasting variance that is the same in all images: dots are drawn towards what is bright beside them.
+Rays that meet do not show it; chosen on videos of the twins with 8 cameras (lizard, seeds 5 and 6; bat, seed 6)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,19 +60,21 @@ def ray_errors(matrices: Array, ideal: Array, *, sd_px: float) -> RayErrors:
     )
 
 
-def stated(errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, shared: float = SHARED) -> Array:
+def lasting_covariance(
+    errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, shared: float = SHARED
+) -> Array:
     """Covariances (M, 3, 3) of positions when errors of dots last, differ, and are shared.
 
     A filter that takes errors to be new in each frame averages them. Of errors of which a share r lasts as long as it
     averages, the covariance is (1 - r) of the filter's and r of that of the frame alone, (J^T J / sd^2)^-1; of these a
-    share ``shared`` is the same in all pictures, and stays that of one ray however many there are.
+    share ``shared`` is the same in all images, and stays that of one ray however many there are.
 
     Args:
         errors: What is known of them.
         jacobian: (C, M, 2, 3) of the pixels of rays that were used; 0 for others.
         sd_px: (C, M) standard deviations that they were weighted with.
         cov_m2: (M, 3, 3) covariances of the filter.
-        shared: Share of the lasting variance that all pictures have in common.
+        shared: Share of the lasting variance that all images have in common.
     """
     heavy = jacobian / np.where(sd_px > 0, sd_px, 1.0)[..., None, None] ** 2
     information = np.einsum("cmij,cmik->mjk", heavy, jacobian)

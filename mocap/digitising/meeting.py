@@ -125,7 +125,7 @@ def name_points(
     cost -= 8.0 * (count - 2)  # a chance meeting of a further ray is rare
     if faint is not None:
         cost += np.where(made >= 0, faint[np.arange(len(faint)), np.maximum(made, 0)], 0.0).sum(axis=1)
-    held = np.zeros(cost.shape, dtype=bool)
+    expected = np.zeros(cost.shape, dtype=bool)
     for row, marker in enumerate(markers):
         for a, b in ((0, 1), (1, 0)):
             mine = np.flatnonzero((bones.ends[:, a] == marker) & np.isfinite(bones.length_m))
@@ -136,8 +136,8 @@ def name_points(
                 long = np.linalg.norm(xyz_m - at[other], axis=1) - bones.length_m[bone]
                 error = (long / np.hypot(bones.sd_m[bone], 1.5 * error_m)) ** 2
                 cost[row] = np.where(error < 16, cost[row] + error, FAR)
-                held[row] |= error < 9
-    cost[(count[None] < 3) & ~held] = FAR
+                expected[row] |= error < 9
+    cost[(count[None] < 3) & ~expected] = FAR
     ok = cost < FAR / 2
     if not ok.any():
         return []

@@ -53,7 +53,7 @@ def seen_from(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
 
 
 def window_cov(jacobian: Array, cov_m2: Array, sd_px: float) -> Array:
-    """(C, M, 2, 2) covariance of where markers are in the pictures, the error of a dot included."""
+    """(C, M, 2, 2) covariance of where markers are in the images, the error of a dot included."""
     s = jacobian @ cov_m2 @ np.swapaxes(jacobian, -1, -2)
     s[..., 0, 0] += sd_px**2
     s[..., 1, 1] += sd_px**2
@@ -68,7 +68,7 @@ def name_dots(
     *,
     sd_px: Array,
     reach_px: float,
-    known: NDArray[np.int64] | None = None,
+    clicked_dots: NDArray[np.int64] | None = None,
     clicks: Array | None = None,
     barred: NDArray[np.bool_] | None = None,
     owner: NDArray[np.int64] | None = None,
@@ -91,8 +91,8 @@ def name_dots(
         xyz_m: (M, 3) predicted positions.
         cov_m2: (M, 3, 3) covariances of the predictions.
         sd_px: (C, K) standard deviation of each dot's coordinate.
-        reach_px: Markers that are predicted closer to each other in a picture than this may be one dot there.
-        known: (C, M) dots whose marker is known, by a click; -1: not.
+        reach_px: Markers that are predicted closer to each other in an image than this may be one dot there.
+        clicked_dots: (C, M) dots whose marker is known, by a click; -1: not.
         clicks: (C, M, 2) places that a person clicked where there is no dot; NaN: none.
         barred: (C, M) True where a person said that the marker is not to be seen.
         owner: (C, K) marker whose texture was followed there; -1: a dot, which may be any marker's; None: all are dots.
@@ -101,14 +101,14 @@ def name_dots(
         guessed: (C, M) True where ``known`` comes from rays that meet, not from a click; None: nowhere.
     """
     n_cameras, n_markers = len(matrices), len(xyz_m)
-    known = np.full((n_cameras, n_markers), -1) if known is None else known
+    clicked_dots = np.full((n_cameras, n_markers), -1) if clicked_dots is None else clicked_dots
     prior = np.linalg.inv(cov_m2)
     least = 1.5 * float(np.nanmin(sd_px)) if np.isfinite(sd_px).any() else 1.0
     at, cov = xyz_m, cov_m2
-    chosen = known.copy()
+    chosen = clicked_dots.copy()
     doubtful = np.zeros(n_markers, dtype=bool)
     assigned: NDArray[np.int64] | None = None
-    merged = np.zeros(known.shape, dtype=bool)
+    merged = np.zeros(clicked_dots.shape, dtype=bool)
     textured = np.zeros(n_markers, dtype=bool) if textured is None else textured
     others = np.zeros((n_cameras, n_markers, dots.shape[1]), dtype=bool)
     if barred is not None:
@@ -121,14 +121,14 @@ def name_dots(
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
         s = window_cov(jacobian, cov, least)
-        assigned, doubtful = _assigned(uv, s, dots, known, others, textured, faint, reach_px=reach_px)
+        assigned, doubtful = _assigned(uv, s, dots, clicked_dots, others, textured, faint, reach_px=reach_px)
         if before is not None and (assigned == before).all():
             break
         merged = _merged(uv, dots, assigned, textured, reach_px=reach_px)
         if guessed is not None:
-            merged &= guessed | (known < 0)
+            merged &= guessed | (clicked_dots < 0)
         loose = np.where(merged, MERGED * reach_px, 0.0)
-        at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks, loose)
+        at, cov, chosen = _fused(matrices, dots, assigned, clicked_dots, xyz_m, cov_m2, prior, sd_px, clicks, loose)
     rays = (chosen >= 0).sum(axis=0)
     if clicks is not None:
         rays = rays + np.isfinite(clicks[..., 0]).sum(axis=0)
@@ -153,7 +153,7 @@ def _assigned(
     uv: Array,
     s: Array,
     dots: Array,
-    known: NDArray[np.int64],
+    clicked_dots: NDArray[np.int64],
     others: NDArray[np.bool_],
     textured: NDArray[np.bool_],
     faint: Array | None,
@@ -172,10 +172,10 @@ def _assigned(
     if faint is not None:
         cost += faint[:, None]
     cost[others] = FAR
-    fixed = known >= 0
+    fixed = clicked_dots >= 0
     if fixed.any():
         camera, marker = np.nonzero(fixed)
-        cost[camera, :, known[camera, marker]] = FAR
+        cost[camera, :, clicked_dots[camera, marker]] = FAR
         cost[fixed] = FAR
     pick = cost.argmin(axis=2)
     mine = np.take_along_axis(cost, pick[..., None], axis=2)[..., 0]
@@ -205,7 +205,7 @@ def _assigned(
         gap = uv[:, :, None] - uv[:, None]
         near = np.asarray(gap[..., 0] ** 2 + gap[..., 1] ** 2 < reach_px**2)
         sure &= textured | ~(near & lone[:, None]).any(axis=2)
-    return np.where(fixed, known, np.where(sure, pick, -1)), (has & ~sure).any(axis=0)
+    return np.where(fixed, clicked_dots, np.where(sure, pick, -1)), (has & ~sure).any(axis=0)
 
 
 def _merged(
@@ -238,7 +238,7 @@ def _fused(
     matrices: Array,
     dots: Array,
     chosen: NDArray[np.int64],
-    known: NDArray[np.int64],
+    clicked_dots: NDArray[np.int64],
     xyz_m: Array,
     cov_m2: Array,
     prior: Array,
@@ -251,7 +251,7 @@ def _fused(
     camera = np.arange(len(matrices))[:, None]
     clicked = np.asarray(np.zeros(chosen.shape, dtype=bool) if clicks is None else np.isfinite(clicks[..., 0]))
     # one ray tells nothing of its distance, and no other ray checks it
-    alone = np.asarray((known < 0).all(axis=0) & ~clicked.any(axis=0))
+    alone = np.asarray((clicked_dots < 0).all(axis=0) & ~clicked.any(axis=0))
     narrow: NDArray[np.bool_] | None = None
     at, cov = xyz_m.copy(), cov_m2.copy()
     todo = np.arange(len(xyz_m))
@@ -278,14 +278,14 @@ def _fused(
         uv, _ = seen_from(matrices, at[todo])
         miss = np.where(has[..., None], seen - uv, 0.0)
         left = (miss[..., 0] ** 2 + miss[..., 1] ** 2) / sd**2
-        worst = np.where(known[:, todo] >= 0, 0.0, left)
+        worst = np.where(clicked_dots[:, todo] >= 0, 0.0, left)
         bad = worst.max(axis=0) > 16.0
         if not bad.any():
             break
         m, pair = todo[bad], has[:, bad].sum(axis=0) == 2
         chosen[worst[:, bad].argmax(axis=0), m] = -1
         both = m[pair]
-        chosen[:, both] = known[:, both]
+        chosen[:, both] = clicked_dots[:, both]
         todo = m
     return at, cov, chosen
 

@@ -66,7 +66,7 @@ class Observer:
             What it shows, and the state after it.
         """
         dots = np.where((owner < 0)[..., None], ideal, np.nan)
-        known, clicks = self.known(dots, clicked)
+        clicked_dots, clicks = self.dots_of_clicks(dots, clicked)
         naming = partial(
             name_dots,
             self.matrices,
@@ -79,7 +79,7 @@ class Observer:
             textured=self.textured,
             faint=faint,
         )
-        named = naming(state.xyz_m, state.cov_m2, known=known, guessed=known < 0)
+        named = naming(state.xyz_m, state.cov_m2, clicked_dots=clicked_dots, guessed=clicked_dots < 0)
         clicked_here = np.asarray(np.isfinite(clicked[..., 0]).any(axis=0))
         named = self._by_bones(named, state, clicked_here)
         guess = None
@@ -98,9 +98,9 @@ class Observer:
             if found is not None:
                 if barred is not None:
                     found[barred] = -1
-                guessed = known < 0
-                known = np.where(guessed, found, known)
-                named = naming(state.xyz_m, state.cov_m2, known=known, guessed=guessed)
+                guessed = clicked_dots < 0
+                clicked_dots = np.where(guessed, found, clicked_dots)
+                named = naming(state.xyz_m, state.cov_m2, clicked_dots=clicked_dots, guessed=guessed)
                 named = self._by_bones(named, state, clicked_here)
         return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
 
@@ -198,22 +198,24 @@ class Observer:
         share_sd = 1 / np.clip(self.measured + 5, 6, 100)
         sd = np.where(both, np.sqrt(np.maximum(sd**2 + (error**2 - sd**2) * share_sd, 0.0)), sd)
         mean = mean + error * share
-        known = self.measured > 0
+        measured = self.measured > 0
         least = 2e-3 * self.length_m
-        self.lengths = Lengths(self.lengths.ends, np.where(known, mean, np.nan), np.maximum(np.nan_to_num(sd), least))
+        self.lengths = Lengths(
+            self.lengths.ends, np.where(measured, mean, np.nan), np.maximum(np.nan_to_num(sd), least)
+        )
 
-    def known(self, ideal: Array, clicked: Array) -> tuple[NDArray[np.int64], Array]:
+    def dots_of_clicks(self, ideal: Array, clicked: Array) -> tuple[NDArray[np.int64], Array]:
         """Dots that clicks name (C, M), and ideal places of clicks where there is no dot (C, M, 2)."""
-        known, at = np.full(clicked.shape[:2], -1), clicked.copy()
+        dots, at = np.full(clicked.shape[:2], -1), clicked.copy()
         reach = max(4.0, 1.5 * self.radius_px)
         for c, m in np.argwhere(np.isfinite(at[..., 0]) & ~self.textured):
             away = np.linalg.norm(ideal[c] - at[c, m], axis=-1)
             if len(away) and np.nanmin(away, initial=np.inf) < reach:
                 k = int(np.nanargmin(away))
-                if k not in known[c]:
-                    known[c, m] = k
+                if k not in dots[c]:
+                    dots[c, m] = k
                     at[c, m] = np.nan
-        return known, at
+        return dots, at
 
 
 def crowding(ideal: Array, radius_px: float) -> Array:

@@ -39,7 +39,7 @@ class Straightening:
 
 
 def straightening_of(camera: Camera, size_px: tuple[int, int]) -> Straightening:
-    """The table of a camera with pictures of a size."""
+    """The table of a camera with images of a size."""
     if camera.lens is None or camera.lens.is_identity:
         return Straightening(None)
     width, height = size_px[0] // STEP_PX + 3, size_px[1] // STEP_PX + 3

@@ -1,4 +1,4 @@
-"""Points of skin, fur or scales with nothing painted: followed by their texture, in one film.
+"""Points of skin, fur or scales with nothing painted: followed by their texture, in one video.
 
 From the frame before by Lucas-Kanade (pyramids; a point that does not return to where it came from is dropped), then
 onto a template. The template is what was clicked, and follows the appearance: where it fits no more, what is there now
@@ -39,7 +39,7 @@ class Template:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Followed:
-    """A point in a picture.
+    """A point in an image.
 
     Attributes:
         uv: (2,) place, counted from 0.
@@ -61,10 +61,10 @@ def begun(picture: Grey, uv: Array) -> Followed:
 
 
 def followed(last: Followed, picture: Grey, guess: Array, reach_px: float) -> Followed:
-    """The point in the next picture; where it is not found ``before`` is None, and ``uv`` the guess.
+    """The point in the next image; where it is not found ``before`` is None, and ``uv`` the guess.
 
     Args:
-        last: The point in the picture before.
+        last: The point in the image before.
         picture: The next one.
         guess: (2,) place that is expected.
         reach_px: So far from it the point may be.
@@ -104,7 +104,7 @@ def _patch(picture: Grey, uv: Array, half: int = HALF_PX + _ROOM_PX) -> NDArray[
 
 
 def _aligned(patch: NDArray[np.uint8], template: Template, picture: Grey, guess: Array) -> Array | None:
-    """(2,) place in a picture near a guess that looks like the middle of a patch; None: nothing does, or it is covered.
+    """(2,) place in an image near a guess that looks like the middle of a patch; None: nothing does, or it is covered.
 
     What is brighter or darker than the middle of the template, as a dot that passes by, would pull the flow.
     """

@@ -51,8 +51,8 @@ def report_of(engine: Engine, error_px: float) -> Report:
         "frames": n_frames,
         "markers": n_markers,
         "cameras": len(engine.cameras),
-        "films": [movie.path.name for movie in engine.films.movies],
-        "offset_frames": list(engine.films.offset_frames),
+        "films": [movie.path.name for movie in engine.videos.movies],
+        "offset_frames": list(engine.videos.offset_frames),
         "clicks": sum(click.uv_px is not None for click in engine.clicks),
         "not_to_be_seen": sum(click.uv_px is None for click in engine.clicks),
         "clicks_per_100": 100 * len(engine.clicks) / max(n_frames * n_markers, 1),
@@ -85,24 +85,24 @@ def _dots(report: Report) -> list[str]:
     if isinstance(bare, list) and bare:
         found.append(
             f"No dot was found where {', '.join(bare)} {'was' if len(bare) == 1 else 'were'} clicked: followed by "
-            "texture. If there are dots, the clicks do not belong to these films, or count rows from the lower left "
+            "texture. If there are dots, the clicks do not belong to these videos, or count rows from the lower left "
             "corner."
         )
     return found
 
 
-def report_text(report: Report, asked: Sequence[Question], names: Sequence[str]) -> str:
+def report_text(report: Report, questions: Sequence[Question], names: Sequence[str]) -> str:
     """The report as markdown."""
     found = report["markers_found"]
     lines = [
-        "# Digitised films",
+        "# Digitised videos",
         "",
         f"{report['frames']} frames of {report['cameras']} cameras, {report['markers']} markers; {report['clicks']} "
         f"clicks ({report['clicks_per_100']:.2f} a 100 marker-frames), {report['not_to_be_seen']} answers 'not to be "
         "seen'.",
         *_dots(report),
         f"{100 * float(str(report['known_well_enough'])):.1f} % of all positions are known to "
-        f"{report['error_px']:g} px (standard deviation in every picture).",
+        f"{report['error_px']:g} px (standard deviation in every image).",
         "",
         "| marker | in two cameras or more % | known well enough % | doubtful frames |",
         "|---|---|---|---|",
@@ -113,8 +113,11 @@ def report_text(report: Report, asked: Sequence[Question], names: Sequence[str])
         f"{row['doubtful_frames']} |"
         for name, row in rows.items()
     ]
-    lines += ["", f"{len(asked)} clicks are asked for next (`asked.csv`)." if asked else "No click is asked for."]
-    for q in asked[:5]:
+    lines += [
+        "",
+        f"{len(questions)} clicks are asked for next (`asked.csv`)." if questions else "No click is asked for.",
+    ]
+    for q in questions[:5]:
         lines.append(f"- {names[q.marker]} in frame {q.frame + 1} of camera {q.camera + 1}")
     return "\n".join([*lines, ""])
 
@@ -125,14 +128,14 @@ def write_digitised(
     pixels: PixelTracks,
     points: MarkerTracks,
     report: Report,
-    asked: Sequence[Question],
+    questions: Sequence[Question],
 ) -> None:
     """Write all files of a result into an empty folder."""
     fps = 1 / float(pixels.t_s[1] - pixels.t_s[0]) if len(pixels.t_s) > 1 else 1.0
     write_pixels(folder / "xypts.csv", pixels)
     write_points(folder / "xyzpts.csv", points, sd=True)
     n_frames = len(pixels.t_s)
-    offsets = np.broadcast_to(np.array(engine.films.offset_frames, dtype=float), (n_frames, len(engine.cameras)))
+    offsets = np.broadcast_to(np.array(engine.videos.offset_frames, dtype=float), (n_frames, len(engine.cameras)))
     write_table(folder / "offsets.csv", [f"cam{c}_offset" for c in range(1, offsets.shape[1] + 1)], offsets)
     write_coefficients(folder / "dltCoefs.csv", engine.cameras)
     sized = all(camera.size_px is not None for camera in engine.cameras)
@@ -153,13 +156,13 @@ def write_digitised(
     with (folder / "asked.csv").open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(["camera", "frame", "marker", "u_px", "v_px", "sd_px"])
-        for q in asked:
+        for q in questions:
             sd = float(np.sqrt(np.trace(q.cov_px2) / 2))
             table.writerow(
                 [q.camera + 1, q.frame + 1, engine.names[q.marker], *(f"{x:.2f}" for x in q.uv_px), f"{sd:.2f}"]
             )
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    (folder / "report.md").write_text(report_text(report, asked, engine.names), encoding="utf-8")
+    (folder / "report.md").write_text(report_text(report, questions, engine.names), encoding="utf-8")
 
 
 def _write_origin(path: Path, engine: Engine, pixels: PixelTracks, points: MarkerTracks) -> None:

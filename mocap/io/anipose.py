@@ -95,10 +95,10 @@ def _camera(path: Path, key: str, section: Any) -> Camera:
         )
     lens = models[len(distortions)].of(f_px, centre, distortions)
     name = section.get("name", key)
-    told = {"name": str(name) if type(name) is int else name}  # caliscope numbers its cameras
-    known = checked(f"{path.name}: {key}", told, {"name": Entry(kind="s")}, again="name each camera")
+    entry = {"name": str(name) if type(name) is int else name}  # caliscope numbers its cameras
+    checked_entry = checked(f"{path.name}: {key}", entry, {"name": Entry(kind="s")}, again="name each camera")
     return pinhole_camera(
-        known["name"][()],
+        checked_entry["name"][()],
         intrinsic=matrix,
         rotation=rotation,
         translation_m=shift,
@@ -223,7 +223,7 @@ def write_lenses(path: Path, lenses: Sequence[KnownLens]) -> None:
     """Write lenses.
 
     Raises:
-        FormatError: one has no picture size.
+        FormatError: one has no image size.
     """
     place = {"rotation": np.eye(3), "translation_m": np.zeros(3)}
     write_calibration(
@@ -234,8 +234,8 @@ def write_lenses(path: Path, lenses: Sequence[KnownLens]) -> None:
         ],
     )
     text = path.read_text(encoding="utf-8")
-    for i, known in enumerate(lenses):
-        more = f"free = {list(known.free)}\ncovariance = {known.cov.tolist()}\n"
+    for i, lens in enumerate(lenses):
+        more = f"free = {list(lens.free)}\ncovariance = {lens.cov.tolist()}\n"
         text = text.replace(f"[cam_{i}]\n", f"[cam_{i}]\n{more}")
     path.write_text(text, encoding="utf-8", newline="")
 

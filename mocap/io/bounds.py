@@ -83,6 +83,6 @@ def limit_windows_memory(n_bytes: int, kernel: Any = None) -> bool:
     job = kernel.CreateJobObjectW(None, None)
     # JOB_OBJECT_LIMIT_PROCESS_MEMORY, and the class of JobObjectExtendedLimitInformation
     limits, kind = _Limits(ProcessMemoryLimit=n_bytes, LimitFlags=0x100), 9
-    stated = kernel.SetInformationJobObject(ctypes.c_void_p(job), kind, ctypes.byref(limits), ctypes.sizeof(limits))
+    limited = kernel.SetInformationJobObject(ctypes.c_void_p(job), kind, ctypes.byref(limits), ctypes.sizeof(limits))
     own = ctypes.c_void_p(kernel.GetCurrentProcess())
-    return bool(job and stated and kernel.AssignProcessToJobObject(ctypes.c_void_p(job), own))
+    return bool(job and limited and kernel.AssignProcessToJobObject(ctypes.c_void_p(job), own))

@@ -198,7 +198,7 @@ def _record(section: bytes, at: int, processor: int) -> _Record | None:
     name = section[at + 2 : link]
     if group == 0 or link + 4 > len(section) or not all(31 < letter != 127 for letter in name):
         return None
-    stated = int.from_bytes(section[link : link + 2], "big" if processor == SGI else "little")
+    offset = int.from_bytes(section[link : link + 2], "big" if processor == SGI else "little")
     value, body = None, link + 2
     if group > 0:
         kind, rank = int(np.int8(np.uint8(section[body]))), section[body + 1]
@@ -214,7 +214,7 @@ def _record(section: bytes, at: int, processor: int) -> _Record | None:
     counted = body + 1 + section[body]
     if counted > len(section):
         return None
-    return _Record(group, name.decode("latin-1").upper(), value, link + stated if stated else counted, counted, body)
+    return _Record(group, name.decode("latin-1").upper(), value, link + offset if offset else counted, counted, body)
 
 
 def _value(data: bytes, kind: int, sizes: list[int], processor: int) -> Any:
@@ -286,12 +286,12 @@ def read_c3d(path: Path) -> FileContents:
         findings.append(f"{(~keep).sum()} modelled quantities (angles, forces, ...) were left out")
     names, renamed = told_apart([name for name, kept in zip(labels, keep, strict=True) if kept])
     findings += renamed
-    said = (head.words("POINT:UNITS") or [""])[0].strip().lower()
-    unit = unit_of(said)
-    if unit is None and said:
-        findings.append(f"POINT:UNITS is {said!r}, which is no unit of lengths")
-    fps, told = _rate(head)
-    findings += told
+    unit_text = (head.words("POINT:UNITS") or [""])[0].strip().lower()
+    unit = unit_of(unit_text)
+    if unit is None and unit_text:
+        findings.append(f"POINT:UNITS is {unit_text!r}, which is no unit of lengths")
+    fps, rate_findings = _rate(head)
+    findings += rate_findings
     start = _long_number(head, "TRIAL:ACTUAL_START_FIELD")
     if start not in (0, head.first) and head.first < _MOST_FRAMES:
         findings.append(
@@ -345,42 +345,46 @@ def _layout(path: Path, head: Head, data: bytes) -> tuple[_Layout, list[str]]:
     Raises:
         FormatError: the file is cut, no layout fits its size, or two do as well as each other.
     """
-    stated, size = _statements(head), len(data)
-    if not any(stated["points"].values()):
+    statements, size = _statements(head), len(data)
+    if not any(statements["points"].values()):
         raise FormatError(f"{path.name}: contains no points: export the trajectories, not only analog channels")
-    if not stated["scale"]:
+    if not statements["scale"]:
         raise not_read(path, f"the scale of the points is {head.scale:g}")
-    if max(stated["frames"].values()) < 1:
+    if max(statements["frames"].values()) < 1:
         raise FormatError(f"{path.name}: contains no frames: export the trajectories again")
     more = (head.number("ROTATION:USED") or 0) > 0  # its data follow those of the points
     ranks: dict[_Layout, tuple[bool, int, bool]] = {}
-    for values in product(*(dict.fromkeys(own.values()) for own in stated.values())):
+    for values in product(*(dict.fromkeys(own.values()) for own in statements.values())):
         layout = _Layout(*values)
         if not layout.points or layout.frames < 1:
             continue
         left = size - layout.data_at - layout.frames * layout.frame_bytes
         whole = left == 0 or (left > 0 and (more or (left < BLOCK and size % BLOCK == 0)))
-        agreed = list(stated["frames"].values()).count(layout.frames) > 1
+        agreed = list(statements["frames"].values()).count(layout.frames) > 1
         count = left // layout.frame_bytes + layout.frames
-        if not whole and count > _MOST_FRAMES and all(_agrees("frames", n, count) for n in stated["frames"].values()):
+        if (
+            not whole
+            and count > _MOST_FRAMES
+            and all(_agrees("frames", n, count) for n in statements["frames"].values())
+        ):
             layout, whole = replace(layout, frames=count), left % layout.frame_bytes == 0
         # bytes that were inserted are fewer than a block: only more than one can be what a writer reserved
         if whole or (agreed and left >= (BLOCK if size % BLOCK == 0 else 2 * BLOCK)):
-            others = sum(not _agrees(k, v, getattr(layout, k)) for k, own in stated.items() for v in own.values())
+            others = sum(not _agrees(k, v, getattr(layout, k)) for k, own in statements.items() for v in own.values())
             tail = data[layout.data_at + layout.frames * layout.frame_bytes :]
             ranks[layout] = (not whole, others, any(tail[:BLOCK]))  # what fills a block up is mostly 0
     best = [layout for layout, rank in ranks.items() if rank == min(ranks.values())]
     # of reals the scale is only that of residuals: the first is used
     if len({replace(one, scale=one.scale if one.scale > 0 else -1.0) for one in best}) == 1:
-        return best[0], _contradictions(stated, best[0], size, more)
-    said = _Layout(*(next(iter(own.values())) for own in stated.values()))
-    room, least = size - said.data_at, min(stated["frames"].values())
-    if not best and said.points and 0 < least * said.frame_bytes > room:
+        return best[0], _contradictions(statements, best[0], size, more)
+    first = _Layout(*(next(iter(own.values())) for own in statements.values()))
+    room, least = size - first.data_at, min(statements["frames"].values())
+    if not best and first.points and 0 < least * first.frame_bytes > room:
         raise FormatError(
-            f"{path.name}: {least} frames are stated, but the file contains {max(room // said.frame_bytes, 0)}: "
+            f"{path.name}: {least} frames are stated, but the file contains {max(room // first.frame_bytes, 0)}: "
             "copy or export it again"
         )
-    what = "; ".join(f"{words.format(' or '.join(f'{v:g}' for v in dict.fromkeys(stated[key].values())))}"
+    what = "; ".join(f"{words.format(' or '.join(f'{v:g}' for v in dict.fromkeys(statements[key].values())))}"
                      for key, words in _WORDS.items())  # fmt: skip
     raise not_read(path, f"{what} do not fill its {size} bytes" if not best else f"{what}: the size fits several")
 
@@ -419,19 +423,19 @@ def _statements(head: Head) -> dict[str, dict[str, Any]]:
     }
 
 
-def _agrees(part: str, stated: float, chosen: float) -> bool:
+def _agrees(part: str, value: float, chosen: float) -> bool:
     """Whether a statement is that of a layout, as far as its bits and digits can say it."""
     if part == "frames" and chosen > _MOST_FRAMES:
-        return stated in (chosen, int(chosen) & 0xFFFF, _MOST_FRAMES)
-    return abs(stated - chosen) <= (_SAME * abs(chosen) if part == "scale" else 0)
+        return value in (chosen, int(chosen) & 0xFFFF, _MOST_FRAMES)
+    return abs(value - chosen) <= (_SAME * abs(chosen) if part == "scale" else 0)
 
 
-def _contradictions(stated: dict[str, dict[str, Any]], layout: _Layout, size: int, more: bool) -> list[str]:
+def _contradictions(statements: dict[str, dict[str, Any]], layout: _Layout, size: int, more: bool) -> list[str]:
     """A sentence for each statement that is not that of the layout, and on what follows the data."""
     findings = [
         f"{who} states {_WORDS[part].format(f'{value:g}')}, but the file contains "
         f"{_WORDS[part].format(f'{getattr(layout, part):g}')}"
-        for part, own in stated.items()
+        for part, own in statements.items()
         for who, value in own.items()
         if not _agrees(part, value, getattr(layout, part))
     ]
@@ -441,12 +445,12 @@ def _contradictions(stated: dict[str, dict[str, Any]], layout: _Layout, size: in
 
 def _rate(head: Head) -> tuple[float | None, list[str]]:
     """Frames a second by the head, else by POINT:RATE, and a finding where they differ or are none."""
-    said = {"the header": head.rate_hz, "POINT:RATE": head.number("POINT:RATE")}
-    sane = {who: rate for who, rate in said.items() if rate is not None and 1e-4 < rate < 1e7}
+    rates = {"the header": head.rate_hz, "POINT:RATE": head.number("POINT:RATE")}
+    sane = {who: rate for who, rate in rates.items() if rate is not None and 1e-4 < rate < 1e7}
     if not sane:
         return None, [f"the frame rate in the file is {head.rate_hz:g}"]
     who, fps = next(iter(sane.items()))
-    odd = [(w, r) for w, r in said.items() if r is not None and abs(r - fps) > _SAME * fps]
+    odd = [(w, r) for w, r in rates.items() if r is not None and abs(r - fps) > _SAME * fps]
     return fps, [f"the frame rate is {r:g} in {w}, {fps:g} in {who}: the latter is used" for w, r in odd]
 
 

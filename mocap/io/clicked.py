@@ -1,4 +1,4 @@
-"""Known points of a scene, and where they were clicked in the picture of each camera."""
+"""Known points of a scene, and where they were clicked in the image of each camera."""
 
 import csv
 import re
@@ -28,10 +28,10 @@ def read_scene(path: Path, unit: str | None) -> tuple[list[str], Array]:
     axes = {m[1].lower(): (i, (m[2] or "").lower()) for i, t in enumerate(titles) if (m := _XYZ.fullmatch(t))}
     if sorted(axes) != list("xyz"):
         raise FormatError(f"{path.name}: columns {', '.join(titles[:8])}; expected name,x,y,z: a row for each point")
-    stated = {u for _, u in axes.values() if u}
-    if len(stated) > 1 or (unit and stated and stated != {unit}):
-        raise FormatError(f"{path.name}: its titles state {', '.join(sorted(stated))}: give `unit` as they do")
-    scale = UNITS_M[unit or next(iter(stated), "m")]
+    units = {u for _, u in axes.values() if u}
+    if len(units) > 1 or (unit and units and units != {unit}):
+        raise FormatError(f"{path.name}: its titles state {', '.join(sorted(units))}: give `unit` as they do")
+    scale = UNITS_M[unit or next(iter(units), "m")]
     xyz = np.array([[_number(path, row[axes[a][0]], i) for a in "xyz"] for i, row in enumerate(rows)])
     names = _column(titles, _NAMES)
     labels = [row[names] for row in rows] if names is not None else [str(i + 1) for i in range(len(rows))]

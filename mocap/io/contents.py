@@ -301,8 +301,10 @@ def points_of(path: Path, recording: FileContents) -> MarkerTracks:
         FormatError: it holds none.
     """
     if recording.points is None:
-        held = "pixels: triangulate them first (mocap triangulate)" if recording.pixels is not None else "no positions"
-        raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} contains {held}")
+        contents = (
+            "pixels: triangulate them first (mocap triangulate)" if recording.pixels is not None else "no positions"
+        )
+        raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} contains {contents}")
     return recording.points
 
 

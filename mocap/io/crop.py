@@ -1,7 +1,7 @@
-"""Crop offsets: where in the whole picture the upper left corner of a cropped film lies, constant or frame by frame.
+"""Crop offsets: where in the whole image the upper left corner of a cropped video lies, constant or frame by frame.
 
-A network is often given a small window of each picture, which may follow the animal. Its pixels count from the corner
-of that window, a calibration's from that of the whole picture; the sum of pixel and offset belongs to the calibration.
+A network is often given a small window of each image, which may follow the animal. Its pixels count from the corner
+of that window, a calibration's from that of the whole image; the sum of pixel and offset belongs to the calibration.
 """
 
 import csv
@@ -31,9 +31,9 @@ KNOWN = (
 
 
 def read_crops(path: Path) -> dict[str, Array]:
-    """Crop offsets of a file, (1, 2) constant or (frames, 2) pixels to add, by the name of the camera or film.
+    """Crop offsets of a file, (1, 2) constant or (frames, 2) pixels to add, by the name of the camera or video.
 
-    The name of a file with the offsets of one film is that of the film.
+    The name of a file with the offsets of one video is that of the video.
 
     Raises:
         FormatError: the file holds none.
@@ -64,7 +64,7 @@ def has_crops(path: Path) -> bool:
 
 
 def crops_beside(tracks: Sequence[Path]) -> list[Path]:
-    """Files with crop offsets in the folders of tracks or films whose names begin those, or are begun by them.
+    """Files with crop offsets in the folders of tracks or videos whose names begin those, or are begun by them.
 
     DeepLabCut's tracks of ``cam1_trial3.avi`` are ``cam1_trial3DLC_....csv``; the offsets are ``cam1_trial3.mat``.
     """
@@ -139,7 +139,7 @@ def _offsets(path: Path, values: Array) -> Array:
     if values.ndim != 2 or values.shape[1] != 2 or not len(values) or not np.isfinite(values).all():
         raise FormatError(f"{path.name}: crop offsets have shape {values.shape}; expected finite x, y in a row a frame")
     if np.abs(values).max() > 1e5:
-        raise FormatError(f"{path.name}: a crop offset of {np.abs(values).max():g} px lies in no picture")
+        raise FormatError(f"{path.name}: a crop offset of {np.abs(values).max():g} px lies in no image")
     return values
 
 
@@ -167,7 +167,7 @@ _CROP = re.compile(r"^\s*crop:\s*['\"]?\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*
 
 
 def _config(path: Path, beginning: Head) -> dict[str, Array]:
-    """Crops of films in DeepLabCut's config.yaml: under ``video_sets`` a film, below it ``crop: x1, x2, y1, y2``."""
+    """Crops of videos in DeepLabCut's config.yaml: under ``video_sets`` a video, below it ``crop: x1, x2, y1, y2``."""
     if not any(line.startswith("video_sets:") for line in beginning.lines):
         return {}
     found, film = {}, None

@@ -78,19 +78,19 @@ def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
     """Whole lines of the file, some megabytes at a time, with line ends of one kind; and whether they are the last."""
     try:
         with path.open("rb") as stream:
-            held, empty = b"", True
+            pending, empty = b"", True
             while chunk := stream.read(BLOCK):
-                held += chunk
-                empty = empty and not held.strip()
-                cut = held.rfind(b"\n") + 1
+                pending += chunk
+                empty = empty and not pending.strip()
+                cut = pending.rfind(b"\n") + 1
                 if cut and len(chunk) == BLOCK:
-                    yield one_kind(held[:cut]), False
-                    held = held[cut:]
+                    yield one_kind(pending[:cut]), False
+                    pending = pending[cut:]
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     if empty:
         raise FormatError(f"{path.name}: the file is empty: export it again")
-    yield one_kind(held), True
+    yield one_kind(pending), True
 
 
 def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
@@ -225,8 +225,8 @@ def decimals_of(values: Array, sd: Array, *, least: int) -> int:
 
     At least ``least``, and no more than the greatest number has in 15 significant digits.
     """
-    known = sd[np.isfinite(sd) & (sd > 0)]
-    wanted = int(np.ceil(-np.log10(known.min()))) + 1 if known.size else least
+    positive = sd[np.isfinite(sd) & (sd > 0)]
+    wanted = int(np.ceil(-np.log10(positive.min()))) + 1 if positive.size else least
     return max(least, min(wanted, decimals_in(values, digits=15)))
 
 
@@ -284,8 +284,8 @@ def by_title(
         )
     if lacking is not None:
         columns = [lacking[1] + word for word in needed]
-        told = " and ".join([", ".join(columns[:-1]), columns[-1]])
-        raise FormatError(f"{path.name}: marker {lacking[1]!r} needs the columns {told}")
+        titles = " and ".join([", ".join(columns[:-1]), columns[-1]])
+        raise FormatError(f"{path.name}: marker {lacking[1]!r} needs the columns {titles}")
     return names, cameras, laid_out(values, where, len(axes))
 
 

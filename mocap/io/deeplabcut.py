@@ -46,7 +46,7 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     width = len(rows[0])
     if any(len(row) != width for row in rows[:depth]) or width < 2:
         raise FormatError(f"{path.name}: the {depth} header lines have different lengths: export it again")
-    # labels by hand have the folder and the file of each picture in place of a frame number
+    # labels by hand have the folder and the file of each image in place of a frame number
     index = next((i for i in range(1, width) if any(row[i] for row in rows[:depth])), 1)
     body = lines[depth:]
     if not body:
@@ -70,8 +70,8 @@ def _in_order(values: Array, index: Index) -> tuple[Array, NDArray[np.int64], li
     films = {image.parent for image in images}
     numbers = image_numbers([image.name for image in images]) if len(films) == 1 else None
     if numbers is None:
-        told = f"the rows are images of {len(films)} films" if len(films) > 1 else "the rows have no frame numbers"
-        return values, np.arange(len(values)), [f"{told}: they are counted in their order"]
+        reason = f"the rows are images of {len(films)} videos" if len(films) > 1 else "the rows have no frame numbers"
+        return values, np.arange(len(values)), [f"{reason}: they are counted in their order"]
     order = np.argsort(numbers)
     return values[order], np.array(numbers)[order], []
 

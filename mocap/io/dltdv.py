@@ -150,8 +150,8 @@ def _origin_beside(path: Path) -> PixelCorner | None:
 
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     pixels, origin = read_pixels(path, fps=1.0), _origin_beside(path)
-    told = ("the file does not record the corner that pixel rows are counted from",) if origin is None else ()
-    parts = {"names": pixels.names, "cameras": pixels.cameras, "pixel_origin": origin, "findings": told}
+    notes = ("the file does not record the corner that pixel rows are counted from",) if origin is None else ()
+    parts = {"names": pixels.names, "cameras": pixels.cameras, "pixel_origin": origin, "findings": notes}
     return pixel_recording(path, "dltdv-xypts", uv_px=pixels.uv_px, **parts)
 
 
@@ -197,9 +197,9 @@ def offsets(path: Path, format: str, pattern: str) -> FileContents:
         raise FormatError(
             f"{path.name}: columns {', '.join(header[:4])}; expected one for each camera: export it again"
         )
-    told = _ahead(values[np.isfinite(values)]) or "the offsets of all cameras are 0"
+    note = _ahead(values[np.isfinite(values)]) or "the offsets of all cameras are 0"
     cameras = tuple(f"cam{number}" for number in numbers)
-    return table_recording(path, format, camera_names=cameras, tables={"offset_frames": values}, findings=(told,))
+    return table_recording(path, format, camera_names=cameras, tables={"offset_frames": values}, findings=(note,))
 
 
 def _ahead(offset_frames: np.ndarray) -> str:
@@ -225,10 +225,10 @@ def _is_coefficients(head: Head) -> bool:
 def _project(path: Path, _hints: Hints) -> FileContents:
     project = read_project(path, fps=1.0)
     try:
-        told = read_project(path).fps
-        findings = [f"the project states {told:g} frames a second, which may be the playback rate"]
+        rate = read_project(path).fps
+        findings = [f"the project states {rate:g} frames a second, which may be the playback rate"]
     except FormatError:
-        told, findings = None, []
+        rate, findings = None, []
     if not project.cameras:
         findings.append("the project has no DLT coefficients")
     findings += filter(None, [_ahead(project.offset_frames)])
@@ -246,7 +246,7 @@ def _project(path: Path, _hints: Hints) -> FileContents:
         tables={"offset_frames": project.offset_frames},
         findings=tuple(findings),
     )
-    return recording if told is None else recording.with_rate(told)
+    return recording if rate is None else recording.with_rate(rate)
 
 
 def _ends(*ends: str):
@@ -306,12 +306,12 @@ def _argus_intervals(path: Path, _hints: Hints) -> FileContents:
     names, _, (ends,) = by_title(
         path, read_table(path), _ARGUS_INTERVAL, _ARGUS_ENDS, expected="names like track_x_lower"
     )
-    told = (
+    note = (
         "with three or more cameras Argus may have shifted the pixels in time before it computed these points: "
         "triangulate them again"
     )
     half = {"interval": np.abs(ends[..., 1::2] - ends[..., ::2]) / 2}
-    return table_recording(path, "argus-xyz-cis", names=names, tables=half, findings=(told,))
+    return table_recording(path, "argus-xyz-cis", names=names, tables=half, findings=(note,))
 
 
 ARGUS_FORMATS = (

@@ -36,8 +36,8 @@ def set_files(path: Path, recording: FileContents) -> dict[str, Path]:
         kinds["dltCoefs"] = "dltCoefs.csv"
     # whether a camera profile can say the lenses
     lenses = [camera.lens for camera in recording.cameras]
-    known = all(camera.size_px is not None for camera in recording.cameras)
-    if known and bool(lenses) and all(isinstance(lens, BrownLens) for lens in lenses):
+    sized = all(camera.size_px is not None for camera in recording.cameras)
+    if sized and bool(lenses) and all(isinstance(lens, BrownLens) for lens in lenses):
         kinds["profile"] = "profile.txt"
     return {kind: path.with_name(prefix + end) for kind, end in kinds.items()}
 

@@ -100,11 +100,11 @@ def read_names(path: Path) -> list[str]:
 
 def _cameras(path: Path, columns: int, hints: Hints) -> tuple[int, list[str]]:
     """Number of cameras of a pixel file: stated, or that of the offsets beside it, or one."""
-    told = hints.cameras
+    count = hints.cameras
     beside = path.with_name(path.name.replace("xypts.tsv", "offsets.tsv"))
-    if told is None and beside != path and beside.is_file():
-        told = read_sparse(beside).shape[1]
-    if told is None:
+    if count is None and beside != path and beside.is_file():
+        count = read_sparse(beside).shape[1]
+    if count is None:
         if columns % 2:
             raise FormatError(f"{path.name}: {columns} columns are not pairs of X and Y: export it again")
         fits = [c for c in range(1, columns // 2 + 1) if columns // 2 % c == 0]
@@ -112,18 +112,18 @@ def _cameras(path: Path, columns: int, hints: Hints) -> tuple[int, list[str]]:
             "the number of cameras is not in the file: 1 is assumed (it may be "
             f"{', '.join(map(str, fits))}); state it with `cameras`"
         ]
-    if told < 1 or columns % (2 * told):
+    if count < 1 or columns % (2 * count):
         raise FormatError(
-            f"{path.name}: {columns} columns are not a whole number of points for {told} cameras (2 each)"
+            f"{path.name}: {columns} columns are not a whole number of points for {count} cameras (2 each)"
         )
-    return told, []
+    return count, []
 
 
 def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
     kind, table = _kind(head(path)), read_sparse(path)
     maker = "argus" if argus else "dltdv"
     if kind == "xypts":
-        count, told = _cameras(path, table.shape[1], hints)
+        count, notes = _cameras(path, table.shape[1], hints)
         uv = table.reshape(len(table), -1, count, 2)
         return pixel_recording(
             path,
@@ -132,7 +132,7 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
             cameras=[f"cam{c + 1}" for c in range(count)],
             uv_px=np.transpose(uv, (2, 0, 1, 3)),
             pixel_origin="lower-left" if argus else None,
-            findings=tuple(told),
+            findings=tuple(notes),
         )
     if kind == "offsets":
         cameras = tuple(f"cam{c + 1}" for c in range(table.shape[1]))

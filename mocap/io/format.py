@@ -92,9 +92,9 @@ def head(path: Path) -> Head:
         with open_regular(path, follow=True) as stream:
             start = stream.read(LENGTH)
     except OSError as error:
-        told = f": {shown_elsewhere(error)}check that you may read it" if isinstance(error, PermissionError) else ""
-        told = beside(path) if isinstance(error, FileNotFoundError) else told
-        raise FormatError(f"{path}: cannot be read: {error.strerror}{told}") from None
+        advice = f": {shown_elsewhere(error)}check that you may read it" if isinstance(error, PermissionError) else ""
+        advice = beside(path) if isinstance(error, FileNotFoundError) else advice
+        raise FormatError(f"{path}: cannot be read: {error.strerror}{advice}") from None
     if not start.strip():
         raise FormatError(f"{path.name}: the file is empty: export it again")
     return Head(path, start)

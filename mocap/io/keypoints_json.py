@@ -101,8 +101,8 @@ def _frames(files: Sequence[Path]) -> dict[int, list[Array]]:
         if inside is not None:
             for k, frame in enumerate(inside):
                 number = frame.get("frame_id", k + 1) if isinstance(frame, dict) else k + 1
-                told = checked(file.name, {"frame_id": number}, _FRAME, again="write it again")
-                out[int(told["frame_id"])] = _people(file, frame)
+                entry = checked(file.name, {"frame_id": number}, _FRAME, again="write it again")
+                out[int(entry["frame_id"])] = _people(file, frame)
             continue
         digits = re.findall(r"\d+", file.stem.removesuffix("_keypoints"))
         number = int(digits[-1]) if digits else position
@@ -178,7 +178,7 @@ def read_folder(path: Path) -> FileContents:
         for number, person in found.items():
             uv[c, np.searchsorted(numbers, number)] = person
     chosen = f"up to {most} people in a frame: one is followed, from the one seen best in the first frame"
-    told = [chosen] if most > 1 else []
+    notes = [chosen] if most > 1 else []
     return pixel_recording(
         path,
         "pose-json",
@@ -189,7 +189,7 @@ def read_folder(path: Path) -> FileContents:
         first=int(numbers[0]),
         pixel_origin="upper-left",
         score=uv[..., 2],
-        findings=tuple(told),
+        findings=tuple(notes),
     )
 
 

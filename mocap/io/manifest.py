@@ -141,12 +141,12 @@ def _listing(found: Any) -> Listing:
     if not isinstance(files, dict):
         raise FormatError("files are no table of names with their SHA-256")
     parts = {"files": [*files], "sha256": [*files.values()], "folders": found.get("folders", [])}
-    known = checked("files", parts, _FILES, again="")
-    wrong = [file for file in (*known["files"], *known["folders"]) if not is_below(file)]
+    listed = checked("files", parts, _FILES, again="")
+    wrong = [file for file in (*listed["files"], *listed["folders"]) if not is_below(file)]
     wrong += [file for file, content in files.items() if not _SHA256.fullmatch(content)]
     if wrong:
         raise FormatError(f"files: {wrong[0]!r} is no file below the folder with its SHA-256")
-    return Listing(files=dict(files), folders=tuple(known["folders"]))
+    return Listing(files=dict(files), folders=tuple(listed["folders"]))
 
 
 def is_below(file: str) -> bool:

@@ -64,8 +64,8 @@ def _recording(path: Path, data: Any) -> FileContents:
     attributes = data.attrs
     in_frames = str(attributes.get("time_unit", "frames")) == "frames"
     fps, findings = rate_of_times(path, times)
-    told = attributes.get("fps")
-    fps = float(told) if told is not None and float(told) > 0 else (None if in_frames else fps)
+    rate = attributes.get("fps")
+    fps = float(rate) if rate is not None and float(rate) > 0 else (None if in_frames else fps)
     if fps is None:
         findings = []
     if not np.isfinite(times).all():
@@ -107,8 +107,8 @@ def _recording(path: Path, data: Any) -> FileContents:
 def _codes(path: Path, values: Array) -> NDArray[np.int64]:
     whole = values.astype(np.int64) if (np.abs(values) < MOST_FRAMES).all() else values
     kept: Any = whole if np.array_equal(whole, values) else values
-    known = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))
-    return checked(path.name, {"status": kept}, {"status": known}, again=_AGAIN)["status"]
+    codes = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))
+    return checked(path.name, {"status": kept}, {"status": codes}, again=_AGAIN)["status"]
 
 
 def _array(where: str, data: Any, name: str, order: tuple[str, ...]) -> Array | None:

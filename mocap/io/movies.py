@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"}
 """Endings of the files that make a folder a movie."""
 FILMS = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".webm", ".wmv", ".cine"}
-"""Endings of films that are looked for in a folder."""
+"""Endings of videos that are looked for in a folder."""
 FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel, as DLTdv counts them."""
 
@@ -29,11 +29,11 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Movie:
-    """A movie that can be read; nothing of its pictures is kept.
+    """A movie that can be read; nothing of its images is kept.
 
     Attributes:
         path: File, or folder of pictures.
-        pictures: The pictures of a folder, in the order of the numbers in their names; empty for a file.
+        pictures: The images of a folder, in the order of the numbers in their names; empty for a file.
         pts: (N,) time stamps of the frames of a file in its own units, increasing; empty for a folder.
         size_px: Width and height.
         codec: What FFmpeg calls its coding.
@@ -74,8 +74,8 @@ class Movie:
                 frame = next(container.decode(video=0))
             if (frame.width, frame.height) != self.size_px:
                 raise FormatError(
-                    f"{path}: is {frame.width} x {frame.height}, the first picture of the folder {self.size_px[0]} x "
-                    f"{self.size_px[1]}: give a folder of pictures of one camera"
+                    f"{path}: is {frame.width} x {frame.height}, the first image of the folder {self.size_px[0]} x "
+                    f"{self.size_px[1]}: give a folder of images of one camera"
                 )
             yield frame
 
@@ -95,7 +95,7 @@ class Movie:
                     if last is None:
                         raise FormatError(
                             f"{self.path}: frame {target + 1} of {self.n_frames} cannot be decoded: repair the movie, "
-                            "or convert it to pictures"
+                            "or convert it to images"
                         )
                     stamp = last.pts if last.pts is not None else last.dts
                     number = int(np.searchsorted(self.pts, stamp)) if stamp is not None else number + 1
@@ -113,7 +113,7 @@ def open_movie(path: Path) -> Movie:
         pictures = tuple(sorted(files, key=by_number))
         if not pictures:
             raise FormatError(
-                f"{path}: contains no pictures ({', '.join(sorted(PICTURES))}): give a movie, or a folder of pictures"
+                f"{path}: contains no images ({', '.join(sorted(PICTURES))}): give a movie, or a folder of images"
             )
         with _opened(pictures[0]) as container:
             stream = container.streams.video[0]
@@ -143,9 +143,9 @@ def by_number(path: Path) -> list[tuple[int, int | str]]:
 def straightening(
     distort: Callable[[Array], Array], size_px: tuple[int, int], out_px: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """(h, w, 2) where each pixel of a straight picture of ``out_px`` lies in the recorded one of ``size_px``.
+    """(h, w, 2) where each pixel of a straight image of ``out_px`` lies in the recorded one of ``size_px``.
 
-    The straight picture shows the same part of the image plane; sizes are widths and heights. Both are counted as
+    The straight image shows the same part of the image plane; sizes are widths and heights. Both are counted as
     arrays are, from 0; ``distort`` takes (..., 2) ideal pixels to recorded ones, from ``FIRST_PIXEL``.
     """
     (width, height), (w, h) = size_px, out_px
@@ -156,7 +156,7 @@ def straightening(
 
 
 def straightened(picture: Picture, where: NDArray[np.float32]) -> Picture:
-    """An (H, W, 3) picture as a pinhole would have taken it, by the (h, w, 2) of ``straightening``; black beside it."""
+    """An (H, W, 3) image as a pinhole would have taken it, by the (h, w, 2) of ``straightening``; black beside it."""
     return np.asarray(cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR), dtype=np.uint8)
 
 
@@ -165,23 +165,23 @@ def _opened(path: Path) -> Any:
     try:
         container = library.open(str(path))
     except (library.error.FFmpegError, OSError) as error:
-        raise FormatError(f"{path}: not a movie or picture that can be read ({error}): convert it to mp4") from None
+        raise FormatError(f"{path}: not a movie or image that can be read ({error}): convert it to mp4") from None
     if not container.streams.video:
         container.close()
         raise FormatError(
-            f"{path}: contains no pictures, only {', '.join(s.type for s in container.streams) or 'nothing'}"
+            f"{path}: contains no images, only {', '.join(s.type for s in container.streams) or 'nothing'}"
         )
     return container
 
 
 class FilmError(MocapError):
-    """Films cannot be read or written here."""
+    """Videos cannot be read or written here."""
 
     page = "installing"
 
 
 def pyav() -> ModuleType:
-    """The library, imported when a film is first asked for.
+    """The library, imported when a video is first asked for.
 
     Raises:
         FilmError: it is not installed.
@@ -191,6 +191,6 @@ def pyav() -> ModuleType:
         import av.error
     except ImportError:
         raise FilmError(
-            "films need PyAV, which is not installed: run pip install 'eal-mocap[film]', or leave the films out"
+            "videos need PyAV, which is not installed: run pip install 'eal-mocap[film]', or leave the videos out"
         ) from None
     return av

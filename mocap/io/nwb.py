@@ -70,8 +70,8 @@ def _poses(path: Path, file: Any) -> FileContents:
     space = [i for i, own in enumerate(axes) if own == {3}]
     views = [i for i, own in enumerate(axes) if own == {2}]
     if len(space) > 1 or not space + views:
-        told = ", ".join(groups[i].name for i in space) or "none has two or three columns"
-        raise FormatError(f"{path.name}: expected one set of positions in space, or pixels, and got {told}")
+        spaces = ", ".join(groups[i].name for i in space) or "none has two or three columns"
+        raise FormatError(f"{path.name}: expected one set of positions in space, or pixels, and got {spaces}")
     main = [*space, *views][0]
     nodes = groups[main]["skeleton"]["nodes"][()] if "skeleton" in groups[main] else ()
     order = {_object_name(name): name for name in (v.decode() if isinstance(v, bytes) else str(v) for v in nodes)}
@@ -179,14 +179,14 @@ def _write(path: Path, recording: FileContents) -> list[str]:
     t_s = (recording.pixels if recording.points is None else recording.points).t_s  # type: ignore[union-attr]
     even = bool((np.diff(recording.frames) == 1).all())
     timing = {"rate": recording.fps, "starting_time": float(t_s[0])} if even else {"timestamps": t_s}
-    told: dict[str, Any] = {"source_software": "eal-mocap", "source_software_version": version("eal-mocap")}
+    source: dict[str, Any] = {"source_software": "eal-mocap", "source_software_version": version("eal-mocap")}
 
     def series(values: Array, unit: str, frame: str, score: Array | None) -> list[Any]:
-        said = {} if score is None else {"confidence_definition": "probability of being near the true point"}
+        definition = {} if score is None else {"confidence_definition": "probability of being near the true point"}
         return [
             ndx_pose.PoseEstimationSeries(
                 name=key, data=values[:, m], unit=unit, reference_frame=frame, **timing,
-                confidence=None if score is None else score[:, m], **said,
+                confidence=None if score is None else score[:, m], **definition,
             )
             for m, key in enumerate(keys)
         ]  # fmt: skip
@@ -217,7 +217,8 @@ def _write(path: Path, recording: FileContents) -> list[str]:
         module.add(
             ndx_pose.MultiCameraPoseEstimation(
                 name="PoseEstimation", pose_estimation_series=series(recording.points.xyz_m, unit, where, None),
-                pose_estimations=views, skeleton=skeleton, description="Positions in space", scorer="eal-mocap", **told,
+                pose_estimations=views, skeleton=skeleton, description="Positions in space", scorer="eal-mocap",
+                **source,
             )
         )  # fmt: skip
         module.add(_table(recording, keys))

@@ -19,17 +19,17 @@ _TIME_S = {None: 1.0, "milli": 1e-3, "m": 1e-3, "nano": 1e-9, "n": 1e-9} | dict.
 _PREFIXES = {"milli": "mm", "centi": "cm", "deci": "dm", "micro": "um", "": "m"}
 
 
-def unit_of(said: str) -> str | None:
+def unit_of(text: str) -> str | None:
     """The unit of ``UNIT_M`` that a text names, in short or in full; None: it names none."""
-    said = said.strip().lower()
-    words = _IN_WORDS.fullmatch(said)
-    short = _PREFIXES[words[1]] if words else said
+    text = text.strip().lower()
+    words = _IN_WORDS.fullmatch(text)
+    short = _PREFIXES[words[1]] if words else text
     return short if short in UNIT_M else None
 
 
-def time_unit_s(said: str) -> float | None:
+def time_unit_s(text: str) -> float | None:
     """Seconds in a unit of time that a text names, in short or in full; None: it names none."""
-    words = _TIME_WORDS.fullmatch(said.strip().lower())
+    words = _TIME_WORDS.fullmatch(text.strip().lower())
     return _TIME_S[words[1]] if words else None
 
 
@@ -40,8 +40,8 @@ def metres(path: Path, unit: str) -> float:
         FormatError: the unit is not known.
     """
     if (short := unit_of(unit)) is None:
-        known = ", ".join(UNIT_M)
-        raise FormatError(f"{path.name}: lengths are in {unit!r}, which is not a known unit ({known}): state the unit")
+        units = ", ".join(UNIT_M)
+        raise FormatError(f"{path.name}: lengths are in {unit!r}, which is not a known unit ({units}): state the unit")
     return UNIT_M[short]
 
 
@@ -79,7 +79,7 @@ def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
     return found, [f"{len(changed)} points without a unique name were renamed: {shown}"] if changed else []
 
 
-def _stated(t_s: Array) -> float:
+def _rounded_rate(t_s: Array) -> float:
     """The rate with the fewest digits of which even times in seconds are multiples, as far as they are rounded.
 
     Files round times: 0.001429, 0.002857, ... are of 700 frames a second, not of 699.999999.
@@ -107,11 +107,11 @@ def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
         row = int(np.argmax(~(steps > 0)))
         raise FormatError(f"{path.name}: times do not increase: {t_s[row + 1]:g} s follows {t_s[row]:g} s")
     uneven = np.ptp(steps) > 0.5 * np.median(steps)
-    fps = 1 / np.median(steps) if uneven else _stated(t_s)
-    told = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
+    fps = 1 / np.median(steps) if uneven else _rounded_rate(t_s)
+    notes = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
     if fps <= SLOW_HZ:
         counts = "if they count frames, their rate is not known"
         unit, size = ("milliseconds", 1e3) if fps > SLOW_HZ / 1e3 else ("microseconds", 1e6)
         other = counts if (steps == 1).all() else f"if they are {unit}, {fps * size:.6g}"
-        told.append(f"{SLOW} as such they give {fps:.4g} frames a second; {other}: state `fps`")
-    return float(f"{fps:.9g}"), told
+        notes.append(f"{SLOW} as such they give {fps:.4g} frames a second; {other}: state `fps`")
+    return float(f"{fps:.9g}"), notes

@@ -30,7 +30,7 @@ def read_optitrack(path: Path) -> FileContents:
     """
     lines = read_lines(path)
     about = _cells(lines[0])
-    stated = dict(zip(about[::2], about[1::2], strict=False))
+    head = dict(zip(about[::2], about[1::2], strict=False))
     if about[0] != "Format Version":
         raise FormatError(f"{path.name}: the first line is not Format Version,...: {_SHOW}")
     start = next((i for i, line in enumerate(lines[:20]) if line.startswith("Frame,Time")), None)
@@ -48,7 +48,7 @@ def read_optitrack(path: Path) -> FileContents:
     columns: Sequence[int] = next((found for found in kinds if found), [])
     if not columns or [axes[c] for c in columns] != ["X", "Y", "Z"] * (len(columns) // 3):
         raise FormatError(f"{path.name}: no columns of positions X, Y, Z of markers or bodies: {_SHOW}")
-    unit = stated.get("Length Units", "")
+    unit = head.get("Length Units", "")
     if unit.lower() not in _UNITS:
         raise FormatError(
             f"{path.name}: Length Units is {unit!r}, expected Meters, Centimeters or Millimeters: {_SHOW}"
@@ -56,16 +56,16 @@ def read_optitrack(path: Path) -> FileContents:
     if len(lines) == start + 1:
         raise FormatError(f"{path.name}: no frames after the header: {_SHOW}")
     values = numbers(path, lines[start + 1 :], separator=",", columns=len(axes), first_line=start + 2)
-    known, renamed = told_apart([names[c] for c in columns[::3]])
+    unique, renamed = told_apart([names[c] for c in columns[::3]])
     named = dict.fromkeys(names[c] for c in range(2, len(axes)) if types[c].lower() == "rigid body")
-    of_body = {body: {m: np.full(3, np.nan) for m in known if _is_of(m, body, named)} for body in named}
+    of_body = {body: {m: np.full(3, np.nan) for m in unique if _is_of(m, body, named)} for body in named}
     bodies = () if columns == kinds[0] else ("no markers: positions of rigid bodies or bones, as Motive fitted them",)
-    fps = rate(path, stated.get("Export Frame Rate", stated.get("Capture Frame Rate", "")))
+    fps = rate(path, head.get("Export Frame Rate", head.get("Capture Frame Rate", "")))
     frames = frame_numbers(path, values[:, 0], first_line=start + 2)
     return point_recording(
         path,
         "optitrack-csv",
-        names=known,
+        names=unique,
         xyz=np.ascontiguousarray(values[:, columns]),
         unit=_UNITS[unit.lower()],
         frames=frames,

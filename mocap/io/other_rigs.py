@@ -114,8 +114,8 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
             turned.append(f"{name} by {section.get('viewrotation')} degrees")
     if not cameras:
         raise FormatError(f"{path.name}: no calibrated camera in this calibration of QTM: export it after calibrating")
-    told = f"films are shown turned ({', '.join(turned)}): pixels must be those of the film as it was recorded"
-    findings = (told,) if turned else ()
+    note = f"videos are shown rotated ({', '.join(turned)}): pixels must be those of the video as it was recorded"
+    findings = (note,) if turned else ()
     return calibration_recording(path, "qualisys-calibration", tuple(cameras), unit="mm", findings=findings)
 
 
@@ -158,14 +158,14 @@ def _vicon(path: Path, _hints: Hints) -> FileContents:
         cameras.append(_camera(path, name, matrix, rotation, -rotation @ place, bend, size))
     if not cameras:
         raise FormatError(f"{path.name}: no camera with a KeyFrame: calibrate in Vicon and save the .xcp again")
-    told = () if films else ("no camera is called a video camera: all cameras are read",)
-    return calibration_recording(path, "vicon-calibration", tuple(cameras), unit="mm", findings=told)
+    notes = () if films else ("no camera is called a video camera: all cameras are read",)
+    return calibration_recording(path, "vicon-calibration", tuple(cameras), unit="mm", findings=notes)
 
 
 def _nearest_brown(matrix: Array, size: Array, radial: Array) -> Array:
-    """k1, k2, 0, 0, k3 of Brown's lens nearest to Vicon's, by least squares over radii that the picture has.
+    """k1, k2, 0, 0, k3 of Brown's lens nearest to Vicon's, by least squares over radii that the image has.
 
-    Vicon's multiplies offsets from the centre by 1 + a r^2 + b r^4 + c r^6, r in pixels of the recorded picture.
+    Vicon's multiplies offsets from the centre by 1 + a r^2 + b r^4 + c r^6, r in pixels of the recorded image.
     """
     f, centre = matrix[0, 0], matrix[:2, 2]
     corner = float(np.linalg.norm(np.maximum(centre, size - centre)))
@@ -214,8 +214,8 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
         rotation = Rotation.from_rotvec(np.ravel(rotation)).as_matrix() if rotation.size == 3 else rotation
         cameras.append(_camera(path, name, matrix, rotation, np.ravel(shift), bend, 2 * matrix[:2, 2]))
     if len(cameras) == len(names):
-        told = "picture sizes are not in the file: twice the principal point is taken"
-        return calibration_recording(path, "easymocap", tuple(cameras), unit="m", findings=(told,))
+        note = "image sizes are not in the file: twice the principal point is taken"
+        return calibration_recording(path, "easymocap", tuple(cameras), unit="m", findings=(note,))
     return FileContents(
         format="easymocap",
         paths=(path,),
@@ -240,14 +240,14 @@ def _opencap(path: Path, _hints: Hints) -> FileContents:
             "and translation"
         ) from None
     camera = _camera(path, path.absolute().parent.name, matrix, rotation, shift, bend, size)
-    told = "the world is that of OpenCap's board, which stands upright: y or z of the board may point down"
-    return calibration_recording(path, "opencap", (camera,), unit="mm", findings=(told,))
+    note = "the world is that of OpenCap's board, which stands upright: y or z of the board may point down"
+    return calibration_recording(path, "opencap", (camera,), unit="mm", findings=(note,))
 
 
 def _optitrack(path: Path, _hints: Hints) -> FileContents:
     raise FormatError(
-        f"{path.name}: calibrations of OptiTrack (.cal, .mcal) are not read: calibrate the films (mocap calibrate), or "
-        "write the values that Motive shows (focal length, principal point, position, orientation) as calibration.toml"
+        f"{path.name}: calibrations of OptiTrack (.cal, .mcal) are not read: calibrate the cameras (mocap calibrate), "
+        "or write the values that Motive shows (focal length, principal point, position, orientation) as a .toml"
     )
 
 

@@ -407,17 +407,17 @@ def _undisturbed(folder: Path) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    asked: list[int] = []
+    received: list[int] = []
     heard = [n for n in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(n))]
-    before: dict[int, Any] = {n: signal.signal(n, lambda number, _: asked.append(number)) for n in heard}
+    before: dict[int, Any] = {n: signal.signal(n, lambda number, _: received.append(number)) for n in heard}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    if asked:
+    if received:
         try:
-            before[asked[0]](asked[0], None)
+            before[received[0]](received[0], None)
         except KeyboardInterrupt as stop:
             stop.kept = f"the new result in {folder} is complete"  # type: ignore[attr-defined]
             raise

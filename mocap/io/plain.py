@@ -105,8 +105,8 @@ def is_frame(title: str) -> bool:
 def is_mapped(head: Head, hints: Hints) -> bool:
     """Whether the columns that the user states are those of a table."""
     titles = head.cells()
-    stated = [column for columns in hints.columns.values() for column in columns]
-    return bool(stated) and all(c in titles or (c.isdigit() and 1 <= int(c) <= len(titles)) for c in stated)
+    mapped = [column for columns in hints.columns.values() for column in columns]
+    return bool(mapped) and all(c in titles or (c.isdigit() and 1 <= int(c) <= len(titles)) for c in mapped)
 
 
 def _counted(header: list[str], values: Array) -> dict[str, tuple[str, ...]]:
@@ -182,8 +182,8 @@ def _mapped(
         times = column(columns["time"][0]) * (seconds_of(columns["time"][0]) or 1.0)
         if not np.isfinite(times).all():
             raise FormatError(f"{path.name}: a time is missing in the column {columns['time'][0]!r}")
-        fps, told = rate_of_times(path, times)
-        findings += told
+        fps, notes = rate_of_times(path, times)
+        findings += notes
     first = 1 if frames is None else int(frames[0])
     if sizes == {2}:
         uv = np.where(np.isnan(table).any(axis=-1, keepdims=True), np.nan, table)[None]
@@ -260,10 +260,10 @@ def _read_typed(path: Path, _hints: Hints) -> FileContents:
     frame = next((values[:, c] for c, title in enumerate(plain) if is_frame(title)), None)
     time = next((values[:, c] * s for c, title in enumerate(plain) if (s := seconds_of(title))), None)
     frames = None if frame is None else frame_numbers(path, frame, first_line=2)
-    fps, told = (None, []) if time is None else rate_of_times(path, time)
+    fps, rate_notes = (None, []) if time is None else rate_of_times(path, time)
     first = next(iter(where))
     title = header[where[first]]
-    said = f"titles were typed: {title!r} is read as marker {first[1]!r}, camera {first[0]}, {'xy'[first[2]]}"
+    note = f"titles were typed: {title!r} is read as marker {first[1]!r}, camera {first[0]}, {'xy'[first[2]]}"
     return pixel_recording(
         path,
         "typed-pixels",
@@ -273,8 +273,8 @@ def _read_typed(path: Path, _hints: Hints) -> FileContents:
         frames=frames,
         first=1 if frames is None else int(frames[0]),
         fps=fps,
-        findings=(said, *told, "the file does not record the corner that pixel rows are counted from"),
-        assumed=(said,),
+        findings=(note, *rate_notes, "the file does not record the corner that pixel rows are counted from"),
+        assumed=(note,),
     )
 
 

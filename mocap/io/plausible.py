@@ -25,14 +25,14 @@ def without_placeholders(recording: FileContents) -> FileContents:
     whose samples have residuals above 0). A marker that is at zero in all of its samples was never seen: noise leaves
     no measured marker there, not even one that lies still.
     """
-    points, pixels, told = recording.points, recording.pixels, []
+    points, pixels, notes = recording.points, recording.pixels, []
     if recording.format in EXPLICIT:
         return recording
     if points is not None:
         residual = recording.tables.get("residual_m")
         lost = placeholders(points.xyz_m, None if residual is None else residual > 0)
         if lost.any():
-            told += _told(points.xyz_m, lost, recording, "")
+            notes += _placeholder_notes(points.xyz_m, lost, recording, "")
             points = replace(
                 points,
                 xyz_m=np.where(lost[..., None], np.nan, points.xyz_m),
@@ -42,12 +42,12 @@ def without_placeholders(recording: FileContents) -> FileContents:
     if pixels is not None:
         masks = np.stack([placeholders(uv) for uv in pixels.uv_px]) if len(pixels.cameras) else np.zeros((), dtype=bool)
         for camera, uv, lost in zip(pixels.cameras, pixels.uv_px, masks, strict=True) if masks.any() else ():
-            told += _told(uv, lost, recording, f" of camera {camera!r}")
+            notes += _placeholder_notes(uv, lost, recording, f" of camera {camera!r}")
         if masks.any():
             pixels = replace(pixels, uv_px=np.where(masks[..., None], np.nan, pixels.uv_px))
-    if not told:
+    if not notes:
         return recording
-    findings, assumed = (*told, *recording.findings), (*told, *recording.assumed)
+    findings, assumed = (*notes, *recording.findings), (*notes, *recording.assumed)
     return replace(recording, points=points, pixels=pixels, findings=findings, assumed=assumed)
 
 
@@ -113,20 +113,20 @@ def rounding(values: Array) -> float:
 
     0 where it is more than a hundredth of their range: of few numbers it tells nothing.
     """
-    known = values[np.isfinite(values)]
-    steps = np.diff(np.unique(known[:: max(1, len(known) // 100_000)]))
+    finite = values[np.isfinite(values)]
+    steps = np.diff(np.unique(finite[:: max(1, len(finite) // 100_000)]))
     return float(steps.min()) if len(steps) and 100 * steps.min() < steps.sum() else 0.0
 
 
-def _told(values: Array, lost: NDArray[np.bool_], recording: FileContents, whose: str) -> list[str]:
+def _placeholder_notes(values: Array, lost: NDArray[np.bool_], recording: FileContents, whose: str) -> list[str]:
     """A sentence for each number: how many samples of which markers."""
-    known = np.isfinite(values[..., 0]) & ~lost
+    finite = np.isfinite(values[..., 0]) & ~lost
     found = []
     for number in np.unique(values[lost][:, 0]):
         mine = lost & (values[..., 0] == number)
         words = [
             f"{mine[:, m].sum()} of {recording.names[m]!r} (from frame {recording.frames[mine[:, m].argmax()]} on)"
-            if known[:, m].any()
+            if finite[:, m].any()
             else f"all of {recording.names[m]!r}, which was never seen"
             for m in np.flatnonzero(mine.any(axis=0))
         ]
@@ -181,8 +181,8 @@ def plausible(recording: FileContents) -> FileContents:
     score = recording.score
     if score is not None and ((score < 0) | (score > 2.0)).any():  # some networks exceed 1 a little
         findings.append(f"scores are {np.nanmin(score):g} to {np.nanmax(score):g}; expected 0 to 1")
-    recording, told = _legible(recording)
-    return replace(recording, findings=(*recording.findings, *findings, *told, *_frame_findings(recording)))
+    recording, notes = _legible(recording)
+    return replace(recording, findings=(*recording.findings, *findings, *notes, *_frame_findings(recording)))
 
 
 def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
@@ -221,11 +221,11 @@ def _check_size(recording: FileContents, which: str, values: Array, most: float,
 
 def _check_covariances(recording: FileContents, cov: Array) -> None:
     """(T, M, 3, 3) covariances, where they are known, are symmetric and have no negative variance in any direction."""
-    known = ~np.isnan(cov[..., 0, 0])
+    finite = ~np.isnan(cov[..., 0, 0])
     with np.errstate(all="ignore"):
         size = np.abs(cov).max(axis=(-1, -2))
-    wrong = known & ~(size < _FARTHEST_M**2)
-    wrong[known & ~wrong] = not_covariances(cov[known & ~wrong])
+    wrong = finite & ~(size < _FARTHEST_M**2)
+    wrong[finite & ~wrong] = not_covariances(cov[finite & ~wrong])
     if wrong.any():
         row, marker = np.argwhere(wrong)[0]
         raise FormatError(

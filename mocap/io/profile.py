@@ -204,8 +204,8 @@ def _is_profile(head: Head) -> bool:
 def _profile(path: Path, _hints: Hints) -> FileContents:
     lenses = read_profile(path)
     odd = [c + 1 for c, (lens, (_, height)) in enumerate(lenses) if not 0.25 < lens.centre_px[1] / height < 0.75]
-    told = f"principal point far from the middle of the picture in camera {', '.join(map(str, odd))}: check H and cy"
-    names, findings = tuple(f"cam{c + 1}" for c in range(len(lenses))), (told,) if odd else ()
+    note = f"principal point far from the middle of the image in camera {', '.join(map(str, odd))}: check H and cy"
+    names, findings = tuple(f"cam{c + 1}" for c in range(len(lenses))), (note,) if odd else ()
     return FileContents(format="camera-profile", paths=(path,), camera_names=names, lenses=lenses, findings=findings)
 
 

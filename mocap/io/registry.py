@@ -91,12 +91,12 @@ _SUFFIXES = {
 KIND = 3.0
 """What a word for the kind of file counts, beside 1 or 2 for another word."""
 _MAGIC = (
-    (b"\xff\xd8\xff", "a JPEG picture"),
-    (b"\x89PNG", "a PNG picture"),
+    (b"\xff\xd8\xff", "a JPEG image"),
+    (b"\x89PNG", "a PNG image"),
     (b"%PDF", "a PDF document"),
     (b"PK\x03\x04", "a ZIP archive (or an Office document)"),
     (b"\x1f\x8b", "a gzip archive"),
-    (b"RIFF", "an AVI film or a WAV sound"),
+    (b"RIFF", "an AVI video or a WAV sound"),
     (b"SQLite format", "an SQLite database"),
     (b"\x80", "a Python pickle"),
 )
@@ -109,7 +109,7 @@ def looks_like(head: Head) -> str:
     if head.mat:
         return f"a MATLAB file with {', '.join(sorted(head.mat)[:6])}"
     if head.start[4:8] == b"ftyp":
-        return "an MP4 or MOV film"
+        return "an MP4 or MOV video"
     magic = next((name for start, name in _MAGIC if head.start.startswith(start)), None)
     if magic is not None:
         return magic
@@ -146,8 +146,8 @@ def _numbers(row: str, separator: str) -> bool:
 
 def nearest(head: Head, formats: Sequence[Format]) -> list[Format]:
     """The three of some formats that share most words with the beginning of a file, its kind and its name."""
-    said = f"{looks_like(head)} {_SUFFIXES.get(head.path.suffix.lower().lstrip('.'), '')} {head.path.stem}"
-    text = said + " " + " ".join(head.lines[:40])
+    description = f"{looks_like(head)} {_SUFFIXES.get(head.path.suffix.lower().lstrip('.'), '')} {head.path.stem}"
+    text = description + " " + " ".join(head.lines[:40])
     found = _words(text)
 
     def score(format: Format) -> float:
@@ -237,24 +237,24 @@ def _of_either(
     """
 
     def fits(beginning: Head) -> bool:
-        return (_known if format is None else format.knows)(beginning)
+        return (_is_known if format is None else format.knows)(beginning)
 
     stands = False
     try:
-        with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
+        with transcribed(path, knows=_is_known, sheet=hints.sheet) as (file, notes):
             stands = format is not None and format.name != "csv" and fits(head(file))
-            return result(file, told)
+            return result(file, notes)
     except FormatError as error:
-        with transcribed(path, known=_known, sheet=hints.sheet, anew=True) as (file, told):
+        with transcribed(path, knows=_is_known, sheet=hints.sheet, anew=True) as (file, notes):
             if file == path or not (hints.format or fits(head(file)) or plain.is_mapped(head(file), hints)):
                 raise error from None
             try:
-                return result(file, told)
+                return result(file, notes)
             except FormatError as again:
-                raise error if stands else FormatError("; ".join([str(again), *told])) from None
+                raise error if stands else FormatError("; ".join([str(again), *notes])) from None
 
 
-def _known(beginning: Head) -> bool:
+def _is_known(beginning: Head) -> bool:
     return any(format.knows(beginning) for format in FORMATS)
 
 
@@ -295,11 +295,11 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     if format.name in BESIDE:
         return plausible(format.read(path, hints))
 
-    def of_file(file: Path, told: Sequence[str]) -> FileContents:
+    def of_file(file: Path, notes: Sequence[str]) -> FileContents:
         """As of the file that the user named, its findings beginning with how its text was read."""
         _ = head(file).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
         found = plausible(format.read(file, hints))
-        return replace(found, paths=(path,), findings=(*told, *found.findings), assumed=(*told, *found.assumed))
+        return replace(found, paths=(path,), findings=(*notes, *found.findings), assumed=(*notes, *found.assumed))
 
     return _of_either(path, hints, format, of_file)
 
@@ -314,8 +314,8 @@ def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
     Raises:
         FormatError: its text has no separator, decimal mark and encoding that ``mocap.io.transcribe`` knows.
     """
-    with transcribed(path, known=_known) as (file, told):
-        yield file, told
+    with transcribed(path, knows=_is_known) as (file, notes):
+        yield file, notes
 
 
 def writer(path: Path, name: str | None) -> Format:
@@ -329,9 +329,9 @@ def writer(path: Path, name: str | None) -> Format:
     else:
         ends = [(len(end), f) for f in FORMATS for end in f.suffixes if path.name.lower().endswith(end.lower())]
         if not ends:
-            known = ", ".join(dict.fromkeys(end for f in FORMATS for end in f.suffixes))
+            endings = ", ".join(dict.fromkeys(end for f in FORMATS for end in f.suffixes))
             raise FormatError(
-                f"{path.name}: no format is written to files with this ending (known: {known}): give `to`"
+                f"{path.name}: no format is written to files with this ending (known: {endings}): give `to`"
             )
         format = max(ends, key=lambda pair: pair[0])[1]
     if format.write is None:
@@ -401,21 +401,21 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
         FormatError: the format cannot hold any of the tracks (or cameras), or needs what the recording does not have.
     """
     format = writer(path, name)
-    held = parts(recording)
-    if not format.holds & held.keys() & {"pixels", "points", "cameras", "lenses", "transforms", "quantities"}:
-        there = ", ".join(held.values()) or "nothing"
+    contents = parts(recording)
+    if not format.holds & contents.keys() & {"pixels", "points", "cameras", "lenses", "transforms", "quantities"}:
+        there = ", ".join(contents.values()) or "nothing"
         raise FormatError(
             f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})"
-            + (": triangulate first: mocap triangulate" if "pixels" in held and "points" in format.holds else "")
+            + (": triangulate first: mocap triangulate" if "pixels" in contents and "points" in format.holds else "")
         )
-    for need in sorted(format.needs - held.keys() - ({"unit"} if "quantities" in held else set())):
+    for need in sorted(format.needs - contents.keys() - ({"unit"} if "quantities" in contents else set())):
         option = {"fps": "the frame rate (give `fps`)", "unit": "the unit of lengths (give `unit`)"}[need]
         raise FormatError(
             f"{path.name}: {format.title} needs {option}, because {recording.paths[0].name} does not state it"
         )
-    kept = format.holds - {"pixels"} if {"points", "pixels"} <= held.keys() and not format.both else format.holds
-    losses = [f"not written: {text}" for part, text in held.items() if part not in kept]
-    if "pixels" in held.keys() & kept and "pixel_origin" in format.holds:
+    kept = format.holds - {"pixels"} if {"points", "pixels"} <= contents.keys() and not format.both else format.holds
+    losses = [f"not written: {text}" for part, text in contents.items() if part not in kept]
+    if "pixels" in contents.keys() & kept and "pixel_origin" in format.holds:
         if recording.pixel_origin == "lower-left":
             recording = _from_the_top(path, format, recording)
             losses.append("pixel rows, counted from the lower left, are written as counted from the upper left")
@@ -423,7 +423,7 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
             losses.append("pixel rows are written as they are, and will be read as counted from the upper left")
     points = recording.points
     if points is not None and "points" in format.holds:
-        if "origin" in held and "origin" not in format.holds:
+        if "origin" in contents and "origin" not in format.holds:
             mask = np.isin(points.status, FILLED) & points.seen
             if filled:
                 losses.append(f"{mask.sum()} filled samples are written like measured ones")

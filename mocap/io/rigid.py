@@ -23,11 +23,11 @@ def fixed_markers(names: Sequence[str], xyz: Array, bodies: Sequence[str], trans
     """
     away = xyz[:, None] - transforms[:, :, None, :3, 3]
     local = np.einsum("tbji,tbmj->tbmi", transforms[..., :3, :3], away)
-    known = np.isfinite(local).all(axis=-1, keepdims=True)
-    count = np.maximum(known.sum(axis=0), 1)
-    place = np.where(known, local, 0.0).sum(axis=0) / count
-    spread = np.sqrt(np.sum(np.where(known, local - place, 0.0) ** 2, axis=(0, 3)) / count[..., 0])
-    spread[known.sum(axis=0)[..., 0] < 2] = np.inf  # one frame shows nothing of what moves
+    finite = np.isfinite(local).all(axis=-1, keepdims=True)
+    count = np.maximum(finite.sum(axis=0), 1)
+    place = np.where(finite, local, 0.0).sum(axis=0) / count
+    spread = np.sqrt(np.sum(np.where(finite, local - place, 0.0) ** 2, axis=(0, 3)) / count[..., 0])
+    spread[finite.sum(axis=0)[..., 0] < 2] = np.inf  # one frame shows nothing of what moves
     own, found = spread.argmin(axis=0), {}
     for b, body in enumerate(bodies):
         mine = np.flatnonzero((own == b) & np.isfinite(spread[b]))

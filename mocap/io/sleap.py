@@ -149,7 +149,9 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
         if isinstance(instance, sleap_io.PredictedInstance):
             score[at] = instance.numpy(scores=True)[:, 2]
     stems = [Path(str(video.filename)).stem for video in labels.videos]
-    told = ["instances without a track are in no order: one animal may be another in the next frame"] if unnamed else []
+    notes = (
+        ["instances without a track are in no order: one animal may be another in the next frame"] if unnamed else []
+    )
     names, pairs = of_animals(animals, parts)
     return pixel_recording(
         path,
@@ -161,7 +163,7 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
         pixel_origin="upper-left",
         animals=pairs,
         score=None if np.isnan(score).all() else score.reshape(*score.shape[:2], -1),
-        findings=tuple(told),
+        findings=tuple(notes),
     )
 
 
@@ -179,8 +181,8 @@ def _write_analysis(path: Path, recording: FileContents) -> None:
     if recording.pixels is None:
         raise FormatError(f"{path.name}: needs pixels, but {recording.paths[0].name} contains none")
     animals, parts, _ = recording.grid()
-    known = recording.pixels.seen.astype(float) if recording.score is None else recording.score
-    for file, uv, one in zip(camera_files(path, recording), recording.pixels.uv_px, known, strict=True):
+    scores = recording.pixels.seen.astype(float) if recording.score is None else recording.score
+    for file, uv, one in zip(camera_files(path, recording), recording.pixels.uv_px, scores, strict=True):
         xy, score = _spread(recording, uv), _spread(recording, one)
         seen = np.isfinite(xy[..., 0])
         with np.errstate(invalid="ignore"):
@@ -208,11 +210,11 @@ def _as_hdf5(table: dict[str, Array]) -> bytes:
     """An HDF5 file, made in memory: a full disk ends the library with a segmentation fault."""
     import h5py
 
-    held = io.BytesIO()
-    with h5py.File(held, "w") as file:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
         for name, values in table.items():
             file[name] = values
-    return held.getvalue()
+    return buffer.getvalue()
 
 
 FORMATS = (

@@ -92,8 +92,8 @@ def _recording(path: Path, format: str, table: "pd.DataFrame", fps: float | None
     times, findings = None, []
     if "t_s" in table:
         times = table["t_s"].to_numpy(dtype=np.float64)[::size]
-        told, findings = rate_of_times(path, times)
-        fps = fps or told
+        rate, findings = rate_of_times(path, times)
+        fps = fps or rate
     score = None if "score" not in table else table["score"].to_numpy(dtype=np.float64).reshape(values.shape[:3])
     if filmed:
         if (words["seen"] != np.where(np.isnan(values).any(axis=-1).ravel(), "no", "yes")).any():
@@ -157,8 +157,8 @@ def _read_parquet(path: Path, _hints: Hints) -> FileContents:
             unpacked = sum(meta.row_group(i).total_byte_size for i in range(meta.num_row_groups))
             check_bytes(path, max(unpacked, 8 * meta.num_rows * meta.num_columns), "its table")
             table = file.read()
-        told = from_json((table.schema.metadata or {}).get(_META, b"{}"), path.name)
-        found = checked(path.name, told, {"fps": Entry(least=POSITIVE, needed=False)}, again="export it again")
+        metadata = from_json((table.schema.metadata or {}).get(_META, b"{}"), path.name)
+        found = checked(path.name, metadata, {"fps": Entry(least=POSITIVE, needed=False)}, again="export it again")
         fps = float(found["fps"]) if "fps" in found else None
         rows = table.to_pandas()
     except FormatError:

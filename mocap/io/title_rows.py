@@ -62,27 +62,27 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
         return None  # somebody took a row out by a mark before it
     notes = [i for i in sorted((*above, *comments)) if i not in used]
     unit = next((found[1] for i in notes if (found := _UNIT_NOTE.match(comments.get(i, lines[i])))), "")
-    told = _left_out(lines, notes)
+    changes = _left_out(lines, notes)
     blank = kept[-1] - kept[start] + 1 - len(rows) - sum(kept[start] < i < kept[-1] for i in comments)
     if blank:
-        told.append(f"{number_of(blank, 'blank line')} among the rows left out, though it may have been a frame")
+        changes.append(f"{number_of(blank, 'blank line')} among the rows left out, though it may have been a frame")
     table = []
     for title, column in zip(titles or [""] * width, zip(*rows, strict=True), strict=True):
         if titles and not title and not any(column):
             continue  # separators at the end of each line, or a column to keep others apart
         try:
-            made, said = _numbers(title, column, quoted=separator == ",")
+            made, note = _numbers(title, column, quoted=separator == ",")
         except ValueError:
             return None
-        if said.startswith("clock") and "(" not in title:
+        if note.startswith("clock") and "(" not in title:
             title = f"{title} (s)"
         elif unit_of(unit) and "(" not in title and _COORDINATE.fullmatch(title):
             title = f"{title} ({unit_of(unit)})"
-        told += [said] if said else []
+        changes += [note] if note else []
         table.append([title, *made])
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(list(zip(*table, strict=True))[0 if titles else 1 :])
-    return out.getvalue(), tuple(dict.fromkeys(told))
+    return out.getvalue(), tuple(dict.fromkeys(changes))
 
 
 def _cells(line: str, separator: str) -> Cells:
@@ -186,8 +186,8 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
     Raises:
         ValueError: it holds both words and numbers, decimal commas and points, or commas that may be of thousands.
     """
-    known = [cell for cell in column if cell not in MISSING_WORDS]
-    if known and all(map(_CLOCK.fullmatch, known)):
+    entries = [cell for cell in column if cell not in MISSING_WORDS]
+    if entries and all(map(_CLOCK.fullmatch, entries)):
         # clock times as seconds from the midnight before the first; a clock without a date goes on after midnight
         found, day, last = [], 0, Decimal(0)
         dates = [date.fromisoformat(match[1]) for cell in column if (match := _CLOCK.fullmatch(cell)) and match[1]]
@@ -202,17 +202,17 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
                 day += 1
             last = time
             found.append(str(_DAY_S * day + time))
-        return found, f"clock times of the column {title!r} were read as seconds, {known[0]} as the first"
-    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in known)
-    if known and not numbers and not re.search(r"\d:\d", known[0]):  # no clock of another kind
-        return [""] * len(column), f"the column {title!r} holds words ({known[0][:20]!r}, ...) and was left out"
-    commas = [cell for cell in known if "," in cell]
-    if numbers < len(known) or (commas and any("." in cell for cell in known)):
+        return found, f"clock times of the column {title!r} were read as seconds, {entries[0]} as the first"
+    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in entries)
+    if entries and not numbers and not re.search(r"\d:\d", entries[0]):  # no clock of another kind
+        return [""] * len(column), f"the column {title!r} holds words ({entries[0][:20]!r}, ...) and was left out"
+    commas = [cell for cell in entries if "," in cell]
+    if numbers < len(entries) or (commas and any("." in cell for cell in entries)):
         raise ValueError(title)
     if quoted and commas and all(re.fullmatch(r"[+-]?\d{1,3},\d{3}", cell) for cell in commas):
         raise ValueError(title)
-    said = f"numbers have decimal commas: {commas[0]} is read as {commas[0].replace(',', '.')}" if commas else ""
-    return [cell.replace(",", ".") for cell in column], said
+    note = f"numbers have decimal commas: {commas[0]} is read as {commas[0].replace(',', '.')}" if commas else ""
+    return [cell.replace(",", ".") for cell in column], note
 
 
 def _left_out(lines: Sequence[str], notes: Sequence[int]) -> list[str]:

@@ -40,13 +40,13 @@ Knows = Callable[[Head], bool]
 
 @contextmanager
 def transcribed(
-    path: Path, *, known: Knows, sheet: str | None = None, anew: bool = False
+    path: Path, *, knows: Knows, sheet: str | None = None, anew: bool = False
 ) -> Iterator[tuple[Path, tuple[str, ...]]]:
     """The file to read in place of another, while the context lasts, and sentences on how it was read.
 
     Args:
         path: What the user named.
-        known: Whether a format knows a text whose cells are separated by tabs; else it is a table of commas to be.
+        knows: Whether a format knows a text whose cells are separated by tabs; else it is a table of commas to be.
         sheet: Of a workbook with several, the one to read: its name, or its number from 1.
         anew: Whether a table is laid out anew (``mocap.io.title_rows``); where none is, the file itself is given.
 
@@ -55,21 +55,21 @@ def transcribed(
     """
     check_regular(path)
     if is_workbook(path):
-        text, told = sheet_text(path, sheet)
+        text, notes = sheet_text(path, sheet)
     elif sheet is not None:
         raise FormatError(f"{path.name}: is not a workbook (.xlsx), but the sheet {sheet!r} was stated: leave it out")
     else:
-        text, told = _decoded(path) if anew else _one_form(path, known)
+        text, notes = _decoded(path) if anew else _one_form(path, knows)
     if anew and text is not None:
         text, more = laid_out(text) or (None, ())
-        told = (*told, *more)
+        notes = (*notes, *more)
     if text is None:
-        yield path, told
+        yield path, notes
         return
     with TemporaryDirectory(prefix="mocap-") as folder:
         copy = Path(folder) / path.name
         copy.write_bytes(text.encode("utf-8"))
-        yield copy, told
+        yield copy, notes
 
 
 def _decoded(path: Path) -> tuple[str | None, tuple[str, ...]]:
@@ -80,44 +80,44 @@ def _decoded(path: Path) -> tuple[str | None, tuple[str, ...]]:
         return None, ()
     if b"\0" in data[:LENGTH] and not is_utf16(data):
         return None, ()
-    text, told = decoded(path, data)
+    text, notes = decoded(path, data)
     text = one_kind(text)
-    return text, told if text.endswith(("\n", "\x1a", "\f")) else (*told, _whole_end(path, text))
+    return text, notes if text.endswith(("\n", "\x1a", "\f")) else (*notes, _whole_end(path, text))
 
 
-def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
+def _one_form(path: Path, knows: Knows) -> tuple[str | None, tuple[str, ...]]:
     """The text of a file in the one form, and sentences on that; None where it has it already, or is not text."""
     try:
         with path.open("rb") as stream:
             start = stream.read(LENGTH)
             if not start.strip() or (b"\0" in start and not is_utf16(start)):
                 return None, ()
-            if not is_utf16(start) and is_utf8(_blocks(stream)) and _is_plain(stream, Head(path, start), known):
+            if not is_utf16(start) and is_utf8(_blocks(stream)) and _is_plain(stream, Head(path, start), knows):
                 return None, ()
             stream.seek(0)
             data = stream.read()
     except OSError:
         return None, ()  # the reader says it
-    text, told = decoded(path, data)
+    text, notes = decoded(path, data)
     text = one_kind(text)
     if hint := _SEP.match(text):
         text = text[hint.end() :]
-        told = (*told, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
+        notes = (*notes, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
     head = Head(path, text[:LENGTH].encode())
     separator = _separator(head.lines)
     if separator == ";":
-        text, said = _semicolons(path, text)
+        text, separators = _semicolons(path, text)
     elif separator == "\t":
-        text, said = _tabs(path, text, known)
+        text, separators = _tabs(path, text, knows)
     else:
-        said = ()
+        separators = ()
     if _all_quoted(head.lines):
         text = _QUOTED.sub(r"\1\2", text)
     text, left = _trimmed(text)
     if not text.endswith("\n"):
         left = (*left, _whole_end(path, text))
         text += "\n"
-    return text, (*told, *said, *left)
+    return text, (*notes, *separators, *left)
 
 
 def _all_quoted(lines: Sequence[str]) -> bool:
@@ -157,10 +157,10 @@ def _blocks(stream: io.BufferedReader) -> Iterator[bytes]:
         yield block
 
 
-def _is_plain(stream: io.BufferedReader, head: Head, known: Knows) -> bool:
+def _is_plain(stream: io.BufferedReader, head: Head, knows: Knows) -> bool:
     """Whether a text in UTF-8 is as readers take it."""
     separator = _separator(head.lines)
-    if separator == "\t" and not (known(head) and not any(b"," in block for block in _blocks(stream))):
+    if separator == "\t" and not (knows(head) and not any(b"," in block for block in _blocks(stream))):
         return False
     stream.seek(max(0, stream.seek(0, 2) - LENGTH))
     ending = stream.read()
@@ -200,7 +200,7 @@ def _cell(pattern: str, separator: str) -> re.Pattern[str]:
 
 def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
     """A text with semicolons between its cells as one with commas and decimal points."""
-    told = "cells are separated by semicolons"
+    note = "cells are separated by semicolons"
     if found := _decimal_comma(text, ";"):
         if point := _cell(_WITH_POINT, ";").search(text) if "." in text else None:
             line = text.count("\n", 0, point.end()) + 1
@@ -208,25 +208,25 @@ def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
                 f"{path.name}: line {line}: {point[0].strip(chr(34) + '; ')!r} has a decimal point (or one between "
                 f"thousands) where others have decimal commas ({found[3]},{found[4]}): export it with one of them"
             )
-        told += f" and numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"
+        note += f" and numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"
         text = _with_points(text, ";")
     if '"' in text or "," in text:
-        return _with_commas(path, text, ";"), (told,)
-    return text.replace(";", ","), (told,)
+        return _with_commas(path, text, ";"), (note,)
+    return text.replace(";", ","), (note,)
 
 
-def _tabs(path: Path, text: str, known: Knows) -> tuple[str, tuple[str, ...]]:
+def _tabs(path: Path, text: str, knows: Knows) -> tuple[str, tuple[str, ...]]:
     """A text with tabs between its cells as one with decimal points; with commas in place of tabs that none knows."""
-    told = []
+    notes = []
     found = _decimal_comma(text, "\t")
     if found and not ("." in text and _cell(_WITH_POINT, "\t").search(text)):
-        told = [f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
+        notes = [f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
         text = _with_points(text, "\t")
-    table = not known(Head(path, text[:LENGTH].encode()))
+    table = not knows(Head(path, text[:LENGTH].encode()))
     if table and len({line.count("\t") for line in text.split("\n") if line}) == 1:
-        told = ["cells are separated by tabs", *told]
+        notes = ["cells are separated by tabs", *notes]
         text = text.replace("\t", ",") if '"' not in text and "," not in text else _with_commas(path, text, "\t")
-    return text, tuple(told)
+    return text, tuple(notes)
 
 
 def _decimal_comma(text: str, separator: str) -> re.Match[str] | None:
@@ -281,10 +281,10 @@ def _trimmed(text: str) -> tuple[str, tuple[str, ...]]:
     last = next((i for i in range(end, 0, -1) if lines[i - 1].strip(", \t")), 0)
     if last == end:
         return "\n".join(lines), ()
-    told = f"the last {end - last} lines contain nothing but separators".replace(" 1 lines contain", " line contains")
+    what = f"the last {end - last} lines contain nothing but separators".replace(" 1 lines contain", " line contains")
     if _COUNTED.fullmatch(first[0].strip(' "')) or all(_NUMBER.fullmatch(cell) for cell in first):
-        return "\n".join([*lines[:last], *lines[end:]]), (f"{told}: left out",)
-    return "\n".join(lines), (f"{told}: read as frames in which nothing was seen",)
+        return "\n".join([*lines[:last], *lines[end:]]), (f"{what}: left out",)
+    return "\n".join(lines), (f"{what}: read as frames in which nothing was seen",)
 
 
 def _surplus(line: str) -> int:

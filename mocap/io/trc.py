@@ -29,8 +29,8 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         )
     separator = next((mark for mark in "\t," if mark in lines[1]), None)
     mark = separator or "\t"
-    keys, told, titles = ([cell.strip() for cell in line.split(separator)] for line in lines[1:4])
-    head = dict(zip(keys, told, strict=False))
+    keys, entries, titles = ([cell.strip() for cell in line.split(separator)] for line in lines[1:4])
+    head = dict(zip(keys, entries, strict=False))
     if not head.get("Units"):
         raise FormatError(f"{path.name}: lines 2 and 3 do not state Units; expected {', '.join(_KEYS)}")
     if not titles or not re.match(r"frame", titles[0], re.IGNORECASE):
@@ -61,8 +61,8 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     frames, times = values[:, 0], values[:, 1]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
-    fps, said = _rate(path, times, head.get("DataRate", ""))
-    findings += said
+    fps, rate_findings = _rate(path, times, head.get("DataRate", ""))
+    findings += rate_findings
     if str(len(rows)) != head.get("NumFrames"):
         findings.append(f"NumFrames is {head.get('NumFrames', 'missing')}, but there are {len(rows)} rows")
     unit = unit_of(head["Units"]) or head["Units"]  # which point_recording refuses
@@ -96,17 +96,17 @@ def _names(path: Path, titles: list[str], rows: list[str], separator: str) -> tu
     return told_apart([name for _, name in named])
 
 
-def _rate(path: Path, times: Array, told: str) -> tuple[float | None, list[str]]:
+def _rate(path: Path, times: Array, text: str) -> tuple[float | None, list[str]]:
     """Frames a second by the column Time, and how that agrees with DataRate."""
     fps, findings = rate_of_times(path, times)
-    said = number(told)
+    rate = number(text)
     if fps is None:
-        return (said if said > 0 else None), []
-    if abs(said - fps) < 0.01 * fps:  # times are rounded: what the head says is nearer to the truth
-        return (said if abs(said - fps) * (times[-1] - times[0]) < 0.5 else fps), findings
+        return (rate if rate > 0 else None), []
+    if abs(rate - fps) < 0.01 * fps:  # times are rounded: what the head says is nearer to the truth
+        return (rate if abs(rate - fps) * (times[-1] - times[0]) < 0.5 else fps), findings
     return fps, [
         *findings,
-        f"DataRate says {told or 'nothing'}, the column Time {fps:.6g} frames a second: the column Time is used",
+        f"DataRate says {text or 'nothing'}, the column Time {fps:.6g} frames a second: the column Time is used",
     ]
 
 
@@ -157,8 +157,8 @@ def _read_storage(path: Path, _hints: Hints) -> FileContents:
     end = _ends(lines)
     if end is None or len(lines) < end + 3:
         raise FormatError(f"{path.name}: no rows after the line endheader: export it again")
-    said = dict(re.findall(r"(?m)^\s*(\w+)\s*=\s*(.*?)\s*$", "\n".join(lines[:end])))
-    vectors = said.get("DataType", "").lower() == "vec3"
+    head = dict(re.findall(r"(?m)^\s*(\w+)\s*=\s*(.*?)\s*$", "\n".join(lines[:end])))
+    vectors = head.get("DataType", "").lower() == "vec3"
     rows = [re.sub(r"[\s,]+" if vectors else r"\s+", "\t", line.strip()) for line in lines[end + 2 :] if line.strip()]
     title, *names = lines[end + 1].split("\t") if "\t" in lines[end + 1] else lines[end + 1].split()
     names = [name.strip() for name in names if name.strip()]
@@ -169,16 +169,16 @@ def _read_storage(path: Path, _hints: Hints) -> FileContents:
     if not np.isfinite(values[:, 0]).all():
         raise FormatError(f"{path.name}: a time is missing in the first column: export it again")
     fps, findings = rate_of_times(path, values[:, 0])
-    stated = re.sub(r"\D", "", said.get("nRows", said.get("datarows", "")))
-    if stated and int(stated) != len(values):
-        findings.append(f"nRows is {stated}, but there are {len(values)} rows")
+    count = re.sub(r"\D", "", head.get("nRows", head.get("datarows", "")))
+    if count and int(count) != len(values):
+        findings.append(f"nRows is {count}, but there are {len(values)} rows")
     if vectors:
-        unit = said.get("Units", "").lower() or None
+        unit = head.get("Units", "").lower() or None
         return point_recording(
             path, "opensim-storage", names=names, xyz=values[:, 1:], unit=unit, fps=fps,
             t_s=values[:, 0], findings=tuple(findings),
         )  # fmt: skip
-    angles = {"yes": "angles are in degrees", "no": "angles are in radians"}.get(said.get("inDegrees", "").lower())
+    angles = {"yes": "angles are in degrees", "no": "angles are in radians"}.get(head.get("inDegrees", "").lower())
     return table_recording(
         path,
         "opensim-storage",

@@ -41,8 +41,8 @@ def length(xyz: Array) -> float:
 def noise(xyz: Array) -> float:
     """Standard deviation of a coordinate by fourth differences, whose variance is 70 times its own; NaN if unknown."""
     size = np.abs(np.diff(xyz, n=4, axis=0)) / np.sqrt(70)
-    known = size[np.isfinite(size)]
-    return float(np.median(known) / 0.6745) if known.size else np.nan
+    finite = size[np.isfinite(size)]
+    return float(np.median(finite) / 0.6745) if finite.size else np.nan
 
 
 def guessed(long: float, vague: float = np.nan, *, bounds_m: tuple[float, float] = ANIMALS_M) -> str | None:
@@ -61,7 +61,7 @@ def _within(long: float, unit: str, bounds_m: tuple[float, float]) -> bool:
     return bounds_m[0] <= long * UNIT_M[unit] <= bounds_m[1]
 
 
-def told(
+def assumed_unit(
     long: float, vague: float, *, bounds_m: tuple[float, float], where: str, what: str, more: str = ""
 ) -> tuple[str, Finding]:
     """The unit that is assumed, and a finding that says so, with the length of the animal in it and in others.
@@ -80,15 +80,15 @@ def told(
             f"{', '.join(f'{text} long in {u}' for u, text in lengths.items())}: state `unit`"
         )
     others = ", ".join(f"{u} if it is {text} long" for u, text in lengths.items() if u != unit)
-    known = "metres" if unit == "m" else unit
+    in_words = "metres" if unit == "m" else unit
     if vague * UNIT_M[unit] > WIDEST_NOISE_M:
         more += f", and jitters by {length_text(vague * UNIT_M[unit])}"
-    said = f"lengths are assumed to be in {known}, so that {what} is {lengths[unit]} long{more}"
+    sentence = f"lengths are assumed to be in {in_words}, so that {what} is {lengths[unit]} long{more}"
     if unit != "m" or more or long > ANIMALS_M[1]:
         wrong = "If that is wrong, all lengths below are wrong: state the unit"
-        return unit, Finding(kind=UNIT, alarm=True, text=f"{UNSTATED.upper()}{said}. {wrong}: {others}")
+        return unit, Finding(kind=UNIT, alarm=True, text=f"{UNSTATED.upper()}{sentence}. {wrong}: {others}")
     others = f"; if that is wrong, state the unit: {others}" if long > LONG_M else ""
-    return unit, Finding(kind=UNIT, text=f"{UNSTATED}{said}{others}")
+    return unit, Finding(kind=UNIT, text=f"{UNSTATED}{sentence}{others}")
 
 
 def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[Finding, ...]]:
@@ -109,8 +109,8 @@ def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileCon
     several = len(recording.names) > 1
     bounds = PATHS_M if not several else XRAYED_M if recording.format.startswith("xmalab") else ANIMALS_M
     what = "the animal" if several else "the path of the marker"
-    unit, said = told(long, vague, bounds_m=bounds, where=recording.paths[0].name, what=what)
-    return recording if unit == "m" else recording.with_unit(unit), (said,)
+    unit, finding = assumed_unit(long, vague, bounds_m=bounds, where=recording.paths[0].name, what=what)
+    return recording if unit == "m" else recording.with_unit(unit), (finding,)
 
 
 def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tuple[Finding, ...]]:
@@ -139,8 +139,8 @@ def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tu
     # from further away nobody tells markers apart
     more = f" and filmed from {near} to {farthest} away" if np.median(far) * UNIT_M[unit] > 100.0 else ""
     what = "the animal" if several else "the path of the marker"
-    unit, said = told(long, np.nan, bounds_m=bounds, where=where, what=what, more=more)
-    return unit, (said,)
+    unit, finding = assumed_unit(long, np.nan, bounds_m=bounds, where=where, what=what, more=more)
+    return unit, (finding,)
 
 
 def length_text(metres: float) -> str:

@@ -67,7 +67,7 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
     table = _table(path)
     camera = next(title for title in _CAMERAS if title in table)
     frames, names, cameras, uv = _rows(path, table, ["img_loc_x", "img_loc_y"], camera)
-    fps, told = _rate(path, table)
+    fps, notes = _rate(path, table)
     return pixel_recording(
         path,
         "caliscope-xy",
@@ -78,14 +78,14 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
         first=int(frames[0]),
         fps=fps,
         pixel_origin="upper-left",
-        findings=(_NAMES, *told),
+        findings=(_NAMES, *notes),
     )
 
 
 def _points(path: Path, _hints: Hints) -> FileContents:
     table = _table(path)
     frames, names, _, (xyz,) = _rows(path, table, ["x_coord", "y_coord", "z_coord"])
-    fps, told = _rate(path, table)
+    fps, notes = _rate(path, table)
     return point_recording(
         path,
         "caliscope-xyz",
@@ -95,7 +95,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         frames=frame_numbers(path, frames),
         first=int(frames[0]),
         fps=fps,
-        findings=(_NAMES, *told),
+        findings=(_NAMES, *notes),
     )
 
 
@@ -130,10 +130,10 @@ def _read_kinovea(path: Path, _hints: Hints) -> FileContents:
         "there: the file does not state which"
     ]
     counts = bool((steps == 1).all())
-    fps, told = None, ["the column Time counts frames"]
+    fps, notes = None, ["the column Time counts frames"]
     if not counts:
-        fps, told = rate_of_times(path, times / 1000)
-        told = ["times were read as milliseconds, as Kinovea writes them", *told]
+        fps, notes = rate_of_times(path, times / 1000)
+        notes = ["times were read as milliseconds, as Kinovea writes them", *notes]
     uv = values[:, 1:].reshape(len(values), -1, 2)
     uv[np.isnan(uv).any(axis=-1)] = np.nan
     return pixel_recording(
@@ -145,7 +145,7 @@ def _read_kinovea(path: Path, _hints: Hints) -> FileContents:
         frames=frame_numbers(path, times, first_line=2) if counts else None,
         first=int(times[0]) if counts else 0,
         fps=fps,
-        findings=(*findings, *told),
+        findings=(*findings, *notes),
     )
 
 

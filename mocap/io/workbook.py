@@ -75,8 +75,8 @@ def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
     except FormatError:
         raise
     except Exception as error:  # openpyxl raises its own and whatever damaged XML brings about
-        said = " ".join(str(error).split())[:160]
-        raise FormatError(f"{path.name}: cannot be read as a workbook ({said}): save it again, or as CSV") from None
+        reason = " ".join(str(error).split())[:160]
+        raise FormatError(f"{path.name}: cannot be read as a workbook ({reason}): save it again, or as CSV") from None
     while rows and not any(rows[-1]):
         rows.pop()
     width = max((len(row) for row in rows), default=0)
@@ -100,29 +100,29 @@ def _holds(pack: zipfile.ZipFile, name: str, what: bytes) -> bool:
     return False
 
 
-def _chosen(path: Path, sheets: dict[str, Any], stated: str | None) -> str:
+def _chosen(path: Path, sheets: dict[str, Any], sheet: str | None) -> str:
     names, listed = list(sheets), ", ".join(f"{i} {name!r}" for i, name in enumerate(sheets, start=1))
-    if stated is None:
+    if sheet is None:
         names = [name for name in names if any(_rows(path, sheets[name]))]
         if len(names) == 1:
             return names[0]
         raise FormatError(
             f"{path.name}: has {len(names)} sheets with cells; state one with `sheet`, or save it alone: {listed}"
         )
-    if stated in names:
-        return stated
-    if stated.isdecimal() and 1 <= int(stated) <= len(names):
-        return names[int(stated) - 1]
-    raise FormatError(f"{path.name}: no sheet {stated!r}; there are {listed}: state one with `sheet`")
+    if sheet in names:
+        return sheet
+    if sheet.isdecimal() and 1 <= int(sheet) <= len(names):
+        return names[int(sheet) - 1]
+    raise FormatError(f"{path.name}: no sheet {sheet!r}; there are {listed}: state one with `sheet`")
 
 
 def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
     """The rows of a sheet without the empty cells at their ends."""
     sheet.reset_dimensions()  # what the file says of them may be wrong
-    held = 0
+    n_cells = 0
     for values in sheet.iter_rows(values_only=True):
-        held += len(values) + 1
-        check_bytes(path, 8 * held, "the cells of a sheet")
+        n_cells += len(values) + 1
+        check_bytes(path, 8 * n_cells, "the cells of a sheet")
         cells = [_text(value) for value in values]
         while cells and not cells[-1]:
             cells.pop()

@@ -1,4 +1,4 @@
-"""The whole design of a joint: truss, checks and parts, as the report and the pictures show them."""
+"""The whole design of a joint: truss, checks and parts, as the report and the images show them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -88,8 +88,8 @@ class JointDesign:
         doubt: RMS and half-level overlap of V_z with itself, learned again from resampled blocks.
         built_rms: (draws,) RMS of trusses built with errors.
         built_iou: (draws,) their half-level overlap.
-        held: Masses released on the truss.
-        held_by_v: Masses released in V_z itself: the EAL model.
+        release: Masses released on the truss.
+        release_in_v: Masses released in V_z itself: the EAL model.
         way: The truss led along the recorded path, in the potential's units.
         kit: Parts; None where none were asked for.
     """
@@ -106,8 +106,8 @@ class JointDesign:
     doubt: tuple[float, float]
     built_rms: Array
     built_iou: Array
-    held: Release
-    held_by_v: Release
+    release: Release
+    release_in_v: Release
     way: Followed
     kit: Kit | None
 
@@ -145,14 +145,14 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
     except DesignError as error:
         millimetres = per_unit / MM
         raise MakeError(f"{error} (lengths in units of {millimetres:.3g} mm at printed size)") from None
-    told = stage("shape the parts")
+    report = stage("shape the parts")
     target = make_target(potential.value, samples, level=wish.level, points=FINE)
     taken, kit, energy = _first_that_can_be_made(designs, target, per_unit, wish)
-    told(1.0)
-    told = stage("check")
+    report(1.0)
+    report = stage("check")
     design = designs[taken]
     fit = measure(design.truss, design.stored, target, curvature=potential.hessian)
-    told(0.3)
+    report(0.3)
     tolerance = Tolerance(
         position=wish.tolerance.position / per_unit,
         length=wish.tolerance.length / per_unit,
@@ -161,12 +161,12 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
     built = tolerance_study(design.truss, coarse, tolerance, rng=rng, draws=10 if wish.internal else 100)
     block = max(1, round(len(samples) / effective_sample_size(samples, potential.kernel)))
     doubt = potential_doubt(potential, coarse, rng=rng, block=block)
-    told(0.6)
-    held, held_by_v = _released(design, coarse, source, wish.level)
-    told(0.9)
+    report(0.6)
+    release, release_in_v = _released(design, coarse, source, wish.level)
+    report(0.9)
     deepest = over_grid(design.truss, coarse).x_m[np.argmin(coarse.v)]
     way = follow(design.truss, np.asarray(source.path_m / unit, dtype=np.float64), deepest)
-    told(1.0)
+    report(1.0)
     return JointDesign(
         source=source,
         wish=wish,
@@ -180,8 +180,8 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
         doubt=doubt,
         built_rms=built[0],
         built_iou=built[1],
-        held=held,
-        held_by_v=held_by_v,
+        release=release,
+        release_in_v=release_in_v,
         way=way,
         kit=kit,
     )
@@ -237,9 +237,9 @@ def _released(design: Design, target: Target, source: JointSource, level: float)
     starts = np.linspace(0, len(samples) - 1, min(20, len(samples))).astype(np.int64)
     velocities = recorded_velocities(samples, starts, energy=ENERGY)
     duration = 8.0 * float(np.ptp(samples, axis=0).max()) / np.sqrt(2.0 * ENERGY)
-    held = truss_penalty(design.truss, design.stored, over_grid(design.truss, target))
+    of_truss = truss_penalty(design.truss, design.stored, over_grid(design.truss, target))
     both = [
         release(penalty, source.potential, samples[starts], velocities, level=level, duration=duration, step=0.02)
-        for penalty in (held, source.potential)
+        for penalty in (of_truss, source.potential)
     ]
     return both[0], both[1]

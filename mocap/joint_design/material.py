@@ -50,11 +50,11 @@ def material(name: str, *, young_mpa: float | None = None, strain: float | None 
         raise MakeError(
             f"`material` {name}: give one of {', '.join(MATERIALS)}, with `young_mpa` and `strain` if you know them"
         )
-    known = MATERIALS[name]
-    young = known.young_pa if young_mpa is None else 1e6 * young_mpa
-    allowed = known.strain if strain is None else strain
+    base = MATERIALS[name]
+    young = base.young_pa if young_mpa is None else 1e6 * young_mpa
+    allowed = base.strain if strain is None else strain
     if not (young > 0.0 and 0.0 < allowed < 1.0):
         raise MakeError(
             f"`young_mpa` must be above 0 and `strain` in (0, 1), but they are {young / 1e6:g} and {allowed:g}"
         )
-    return Material(name=name, young_pa=young, strain=allowed, density_kg_m3=known.density_kg_m3)
+    return Material(name=name, young_pa=young, strain=allowed, density_kg_m3=base.density_kg_m3)

@@ -21,7 +21,7 @@ DPI = 110
 
 
 def write_design(design: JointDesign, folder: Path, *, write_recording: Callable[[JointDesign, Path], None]) -> None:
-    """Write ``report.json``, ``report.md``, ``recording.rrd``; of planar trusses pictures, of printed ones the parts.
+    """Write ``report.json``, ``report.md``, ``recording.rrd``; of planar trusses images, of printed ones the parts.
 
     ``potential_and_energy.png``, ``motion.png``, ``drawing.png`` and ``.svg``; ``parts/*.stl`` and ``assembly.3mf``.
 
@@ -68,7 +68,7 @@ Json = dict[str, object]
 
 def report(design: JointDesign) -> Json:
     """All numbers, in SI units unless a name says otherwise."""
-    fit, held, by_v = design.fit, design.held, design.held_by_v
+    fit, release, by_v = design.fit, design.release, design.release_in_v
     return {
         "joint": design.source.name,
         "frame": design.source.frame,
@@ -96,8 +96,8 @@ def report(design: JointDesign) -> Json:
         },
         "release": {
             "kinetic_energy_over_unit": ENERGY,
-            "masses": held.q.shape[1],
-            "truss": {"inside": held.inside, "inside_half": held.inside_half, "energy_drift": held.drift},
+            "masses": release.q.shape[1],
+            "truss": {"inside": release.inside, "inside_half": release.inside_half, "energy_drift": release.drift},
             "eal": {"inside": by_v.inside, "inside_half": by_v.inside_half, "energy_drift": by_v.drift},
         },
         "snaps": [{"at": snap.at, "released_over_unit": snap.released_j} for snap in design.way.snaps],
@@ -146,7 +146,7 @@ def parts_json(design: JointDesign) -> dict[str, Any] | None:
 
 def readable(design: JointDesign) -> str:
     """The report to read, without the table of members."""
-    fit, held, by_v, wish = design.fit, design.held, design.held_by_v, design.wish
+    fit, release, by_v, wish = design.fit, design.release, design.release_in_v, design.wish
     low, half, high = fit.iou
     missed = [] if fit.rms <= GOAL else [f"RMS {fit.rms:.3f} is above {GOAL:g}"]
     missed += [] if half >= 0.8 else [f"half-level overlap {half:.2f} is below 0.8"]
@@ -169,10 +169,10 @@ def readable(design: JointDesign) -> str:
         "| uncertainty of V_z itself (learned again from resampled blocks of the recording) | RMS "
         f"{design.doubt[0]:.3f}, "
         f"overlap {design.doubt[1]:.2f} with itself |",
-        f"| mass released with {ENERGY:g} of U(V = 1) | {100 * held.inside:.1f} % of time inside the region, "
-        f"{100 * held.inside_half:.1f} % where V_z < 0.5; EAL model {100 * by_v.inside:.1f} %, "
+        f"| mass released with {ENERGY:g} of U(V = 1) | {100 * release.inside:.1f} % of time inside the region, "
+        f"{100 * release.inside_half:.1f} % where V_z < 0.5; EAL model {100 * by_v.inside:.1f} %, "
         f"{100 * by_v.inside_half:.1f} % |",
-        f"| numerical energy drift of the two | {held.drift:.1e}, {by_v.drift:.1e} of U(V = 1) |",
+        f"| numerical energy drift of the two | {release.drift:.1e}, {by_v.drift:.1e} of U(V = 1) |",
         f"| snap-throughs along the recorded motion | {len(design.way.snaps)} |",
     ]
     parts = parts_json(design)

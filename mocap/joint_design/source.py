@@ -107,23 +107,23 @@ def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
         columns = [f"{joint}_{frame}_{axis}" for axis in "xyz"[: potential.dimension]]
         if set(columns) <= set(table.columns) and f"{joint}_{frame}_z" not in set(table.columns) - set(columns):
             path_m = table[columns].to_numpy(dtype=np.float64)
-            known = path_m[np.isfinite(path_m).all(axis=1)]
-            if len(known):
-                near[frame] = float(np.median(KDTree(known).query(samples_m)[0]))
+            finite = path_m[np.isfinite(path_m).all(axis=1)]
+            if len(finite):
+                near[frame] = float(np.median(KDTree(finite).query(samples_m)[0]))
     if not near:
         raise FormatError(
             f"{tracks}: has no coordinates of {joint!r} in {potential.dimension} dimensions: run mocap track again"
         )
     frame = min(near, key=lambda key: near[key])
     path_m = table[[f"{joint}_{frame}_{axis}" for axis in "xyz"[: potential.dimension]]].to_numpy(dtype=np.float64)
-    known = np.isfinite(path_m).all(axis=1)
+    finite = np.isfinite(path_m).all(axis=1)
     return JointSource(
         name=joint,
         frame=frame,
         potential=potential,
         unit_m=unit_m,
-        t_s=table["t_s"].to_numpy(dtype=np.float64)[known],
-        path_m=path_m[known],
+        t_s=table["t_s"].to_numpy(dtype=np.float64)[finite],
+        path_m=path_m[finite],
     )
 
 
@@ -150,14 +150,14 @@ def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, p
     if wanted.name not in found:
         raise MocapError(f"{path}: {wanted.name} has too few frames in which its three markers were measured")
     one = found[wanted.name]
-    known = np.isfinite(q_m[:, 0]).all(axis=1)
+    finite = np.isfinite(q_m[:, 0]).all(axis=1)
     return JointSource(
         name=wanted.name,
         frame=FRAME,
         potential=one.potential,
         unit_m=one.scale_m,
-        t_s=t_s[known],
-        path_m=q_m[known, 0],
+        t_s=t_s[finite],
+        path_m=q_m[finite, 0],
     )
 
 

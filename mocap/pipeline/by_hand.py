@@ -108,7 +108,7 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
 def _placed(recording: Recording, edited: Recording) -> Array:
     """(C, T, M, 2) ideal pixels of what a person placed, in the frame and place of the corrected camera; NaN elsewhere.
 
-    Of a camera that is late they are of the nearest frame, and as far from the file's own there as in the picture.
+    Of a camera that is late they are of the nearest frame, and as far from the file's own there as in the image.
     """
     late, at = recording.late_frames, edited.by_hand[..., None]
     out = np.array(_without_lens(recording, np.where(at, edited.data["pixels"].values, np.nan)))

@@ -38,7 +38,7 @@ Told = Callable[[str], None]
 def from_pictures(
     folder: Path, board: Board, *, world_frame: str | None, lens: str, known: Path | None, tell: Told
 ) -> tuple[tuple[Camera, ...], CalibrationReport]:
-    """Pictures of a board to cameras, whose lenses are found or, from a calibration, held.
+    """Images of a board to cameras, whose lenses are found or, from a calibration, held.
 
     Raises:
         CalibrationError: whatever makes that impossible.
@@ -74,7 +74,7 @@ def from_pictures(
                 "f px",
                 "RMS px",
                 "median px",
-                "px on pictures left out of the fit, by lens model",
+                "px on images left out of the fit, by lens model",
             ],
             rows,
         ),
@@ -84,7 +84,7 @@ def from_pictures(
         "Largest residuals: " + ", ".join(f"{plain(n)} {plain(s)} {v:.2f} px" for v, n, s in worst) + ".",
     ]
     warned = [
-        f"{n}: {share * 100:.1f} % of the picture lies outside the range of the lens model"
+        f"{n}: {share * 100:.1f} % of the image lies outside the range of the lens model"
         for n, share in found.no_ray.items()
         if share
     ]
@@ -266,8 +266,8 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
             ["camera", "points", "RMS px (2n - 11)", "RMS px of points left out of the fit", "gain"],
             rows,
         ),
-        "Lengths are in metres; pixels are counted from the same corner as in the file. Gain: by how many pixels a "
-        "click that misses by 1 px moves what lies between the points, at most.",
+        "Lengths are in metres; pixels are counted from the same corner as in the file. Gain: by how many pixels an "
+        "error of 1 px in one point moves what lies between the points, at most.",
     ]
     unchecked = [f.camera.name for f in fits if np.isnan(f.left_out_px)]
     if unchecked:

@@ -1,4 +1,4 @@
-"""Each camera's lens from its own pictures or film of a board, taken at any time."""
+"""Each camera's lens from its own images or video of a board, taken at any time."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -21,16 +21,16 @@ from mocap.text import plain
 def lenses_from_pictures(
     folder: Path, board: Board, *, lens: str = "auto", tell: Callable[[str], None] = lambda _: None
 ) -> tuple[tuple[KnownLens, ...], CalibrationReport]:
-    """Pictures or films of a board to the lens of each camera, by its own pictures alone.
+    """Images or videos of a board to the lens of each camera, by its own images alone.
 
     Args:
-        folder: A folder or a film a camera, or pictures named by camera and number.
+        folder: A folder or a video a camera, or images named by camera and number.
         board: The board.
-        lens: One of ``CHOICES``, or ``auto``: chosen on pictures left out of the fit.
+        lens: One of ``CHOICES``, or ``auto``: chosen on images left out of the fit.
         tell: Told of each camera.
 
     Raises:
-        CalibrationError: too few pictures show the board, or they do not determine the lens; with advice.
+        CalibrationError: too few images show the board, or they do not determine the lens; with advice.
     """
     if lens not in ("auto", *CHOICES):
         raise CalibrationError(f"`lens` {lens!r} is not a lens model: give auto, {', '.join(CHOICES)}")
@@ -50,7 +50,7 @@ def lenses_from_pictures(
 
 
 def _distinct(seen: BoardViews) -> dict[str, Corners]:
-    """Views whose boards moved from every earlier one kept: a board held still in a film is one view, not many."""
+    """Views whose boards moved from every earlier one kept: a board held still in a video is one view, not many."""
     kept: dict[str, Corners] = {}
     least = 0.01 * max(seen.size_px)  # a board that moved by less is seen as before
     for label, corners in seen.corners.items():
@@ -65,17 +65,17 @@ def _moved_px(one: Corners, other: Corners) -> float:
 
 
 def board_pictures(folder: Path) -> dict[str, Pictures]:
-    """Pictures by camera; of a film some frames, evenly spaced.
+    """Images by camera; of a video some frames, evenly spaced.
 
-    A camera is a folder (of pictures and films, however deep), a film in ``folder``, or the name in front of the number
-    of a picture in ``folder``.
+    A camera is a folder (of images and videos, however deep), a video in ``folder``, or the name in front of the number
+    of an image in ``folder``.
 
     Raises:
-        CalibrationError: there is neither a picture nor a film.
-        FormatError: a film cannot be read.
+        CalibrationError: there is neither an image nor a video.
+        FormatError: a video cannot be read.
     """
     if not folder.is_dir():
-        raise CalibrationError(f"{folder}: there is no such folder: give the folder of the pictures or films")
+        raise CalibrationError(f"{folder}: there is no such folder: give the folder of the images or videos")
     films: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in FILMS and p.is_file()):
         inside = path.relative_to(folder)
@@ -83,7 +83,7 @@ def board_pictures(folder: Path) -> dict[str, Pictures]:
     any_picture = any(p.suffix.lower() in KINDS and p.is_file() for p in folder.rglob("*"))
     if not films and not any_picture:
         raise CalibrationError(
-            f"{folder}: contains no pictures and no films; expected a folder or a film for each camera"
+            f"{folder}: contains no images and no videos; expected a folder or a video for each camera"
         )
     pictures = pictures_of(folder, instants=False) if any_picture else {}
     return {
@@ -124,13 +124,14 @@ def _joined(parts: Sequence[Pictures]) -> Pictures:
 def _refuse(name: str, found: Intrinsics, seen: BoardViews) -> None:
     if found.f_sd_px > 0.03 * found.lens.f_px[0]:
         raise CalibrationError(
-            f"camera {name!r}: its pictures do not determine its focal length ({found.lens.f_px[0]:.0f} +- "
-            f"{found.f_sd_px:.0f} px): tilt the board by 30 degrees or more in some pictures"
+            f"camera {name!r}: its images do not determine its focal length ({found.lens.f_px[0]:.0f} +- "
+            f"{found.f_sd_px:.0f} px): tilt the board by 30 degrees or more in some images"
         )
     if found.rms_px > 2e-3 * max(seen.size_px):
         raise CalibrationError(
-            f"camera {name!r}: corners miss by {found.rms_px:.1f} px, where their detection is accurate to tenths of a "
-            "pixel: check that all pictures are this camera's, at one zoom and focus, none cropped, and the board flat"
+            f"camera {name!r}: the RMS reprojection error of corners is {found.rms_px:.1f} px, where their "
+            "detection is accurate to tenths of a pixel: check that all images are "
+            "this camera's, at one zoom and focus, none cropped, and the board flat"
         )
 
 
@@ -152,16 +153,16 @@ def _report(known: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict
             ]
         )
         if share := without_ray(k.lens, seen.size_px):
-            warned.append(f"{k.name}: {share * 100:.1f} % of the picture lies outside the range of the lens model")
+            warned.append(f"{k.name}: {share * 100:.1f} % of the image lies outside the range of the lens model")
         corners = np.concatenate([c.uv_px for c in seen.corners.values()])
         reach = np.ptp(corners, axis=0) / np.asarray(seen.size_px)
         if (reach < 0.6).any():
             warned.append(
-                f"{k.name}: the board was held in {reach[0] * 100:.0f} % of the picture's width and "
+                f"{k.name}: the board was held in {reach[0] * 100:.0f} % of the image's width and "
                 f"{reach[1] * 100:.0f} % of its height; outside of it the lens is extrapolated"
             )
     lines = [
-        f"# Lenses of {len(known)} cameras, each from its own pictures",
+        f"# Lenses of {len(known)} cameras, each from its own images",
         "",
         *table(
             [
@@ -172,13 +173,13 @@ def _report(known: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict
                 "principal point px",
                 "k1",
                 "RMS px",
-                "of pictures left out",
+                "of images left out",
             ],
             rows,
         ),
-        "± is one standard deviation; corners of one picture are taken to err together. Boards that did not move "
-        "between pictures count once. Pixels are counted from the upper left, the centre of the first pixel at (0, 0). "
-        "Where the cameras stand is not in these pictures: mocap calibrate places.",
+        "± is one standard deviation; corners of one image are taken to err together. Boards that did not move "
+        "between images count once. Pixels are counted from the upper left, the centre of the first pixel at (0, 0). "
+        "Where the cameras stand is not in these images: mocap calibrate places.",
         *(f"- {plain(w)}" for w in warned),
     ]
     numbers = {

@@ -1,4 +1,4 @@
-"""Places of cameras whose lenses are known: from points clicked in their pictures, or one board that lies still."""
+"""Places of cameras whose lenses are known: from points clicked in their images, or one board that lies still."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ from mocap.text import plain
 def places_from_points(
     lenses: Path, points: Path, pixels: Path, *, unit: str | None = None, lower_left: bool = False
 ) -> tuple[tuple[Camera, ...], CalibrationReport]:
-    """Cameras from their lenses and known points clicked in a picture of each.
+    """Cameras from their lenses and known points clicked in an image of each.
 
     Args:
         lenses: ``lenses.toml``, any ``calibration.toml``, or a folder with one of them.
@@ -47,7 +47,7 @@ def places_from_points(
     if lower_left:
         heights = [k.size_px[1] if k.size_px else None for k in known]
         if None in heights:
-            raise CalibrationError("`origin` lower-left: the lenses do not state the height of the pictures")
+            raise CalibrationError("`origin` lower-left: the lenses do not state the height of the images")
         uv_px[..., 1] = np.array(heights, dtype=float)[:, None] - 1 - uv_px[..., 1]
     seen = [i for i, uv in enumerate(uv_px) if np.isfinite(uv).any()]
     without = [known[i].name for i in range(len(known)) if i not in seen]
@@ -55,19 +55,19 @@ def places_from_points(
         raise CalibrationError(f"{pixels.name}: no point was clicked: expected pixels of {', '.join(labels[:8])}")
     places = place_cameras([known[i] for i in seen], xyz_m, uv_px[seen], labels=labels)
     said = [f"{points.name}: {t}" for t in told] + also
-    said += [f"{n}: no point was clicked in its picture, so it is left out" for n in without]
+    said += [f"{n}: no point was clicked in its image, so it is left out" for n in without]
     return _reported(places, [known[i] for i in seen], labels, xyz_m, uv_px[seen], said, "points")
 
 
 def places_from_board(
     lenses: Path, folder: Path, board: Board, *, tell: Callable[[str], None] = lambda _: None
 ) -> tuple[tuple[Camera, ...], CalibrationReport]:
-    """Cameras from their lenses and one picture a camera of a board that did not move between them.
+    """Cameras from their lenses and one image a camera of a board that did not move between them.
 
     The world is the board's: origin at its first inner corner, x along its rows, z out of it.
 
     Raises:
-        CalibrationError: a board that looks the same from both ends, several pictures of a camera, or no board.
+        CalibrationError: a board that looks the same from both ends, several images of a camera, or no board.
     """
     if board.turnable:
         raise CalibrationError(
@@ -81,7 +81,7 @@ def places_from_board(
     lost = [name for name in pictures if name not in known]
     if lost:
         raise CalibrationError(
-            f"{folder}: camera {lost[0]!r} has no known lens: there are {', '.join(known)}: name its pictures so"
+            f"{folder}: camera {lost[0]!r} has no known lens: there are {', '.join(known)}: name its images so"
         )
     board, views = detect(pictures, board, progress=tell)
     local = board.points()
@@ -102,8 +102,8 @@ def places_from_board(
         used.append(known[name])
         if known[name].size_px not in (None, view.size_px):
             raise CalibrationError(
-                f"camera {name!r}: its picture is {view.size_px}, its lens was calibrated at {known[name].size_px}: "
-                "give uncropped pictures of the same size"
+                f"camera {name!r}: its image is {view.size_px}, its lens was calibrated at {known[name].size_px}: "
+                "give uncropped images of the same size"
             )
     xyz_m = local @ UP[:3, :3].T
     labels = [f"corner {i + 1}" for i in range(len(local))]
@@ -172,8 +172,8 @@ def _reported(
         for i in place.left_out:
             miss = float(np.hypot(*place.error_px[i]))
             warned.append(
-                f"{place.camera.name}: {labels[i]} misses by {miss:.1f} px where the others leave {place.rms_px:.2f}: "
-                "not used; clicked elsewhere, another point, or measured wrongly?"
+                f"{place.camera.name}: {labels[i]} has a reprojection error of {miss:.1f} px, the others "
+                f"{place.rms_px:.2f}: not used; clicked elsewhere, another point, or measured wrongly?"
             )
         if not lens.free:
             warned.append(f"{lens.name}: its lens was taken as exact, because its file states no covariance")

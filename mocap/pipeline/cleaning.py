@@ -209,7 +209,7 @@ def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | N
 
 
 def _in_plane(recording: Recording) -> tuple[Recording, MarkerTracks]:
-    """One film without a calibration: positions in its picture, in the axes of the file; third coordinates are 0."""
+    """One video without a calibration: positions in its image, in the axes of the file; third coordinates are 0."""
     pixels, likelihood, known = recording.pixels, recording.score, recording.skeleton
     assert pixels is not None
     plane, uv, unlikely = Plane(mm_per_px=recording.mm_per_px), pixels.uv_px[0], np.zeros_like(pixels.seen[0])

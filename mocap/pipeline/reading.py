@@ -75,12 +75,12 @@ def read(
         pixel_sd: Standard deviation of a pixel; None: estimated.
         stored_points: xyzpts file to audit; None: the one beside ``tracks``.
         correct_lag: Read cameras that run late, by the audit, between their frames.
-        crop: Crop offsets of cropped films, to be added to the pixels: a folder, or a file a camera in their order
+        crop: Crop offsets of cropped videos, to be added to the pixels: a folder, or a file a camera in their order
             (MATLAB files with ``XYtop_left``, a row a frame; DeepLabCut's config.yaml or meta file; tables x,y). None:
             those beside the tracks with names that match, if rays then meet better.
         hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
             number of cameras of a sparse pixel file, the sheet of a workbook.
-        mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions stay pixels.
+        mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions stay pixels.
         fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
             determined.
         edits: A log of corrections made by hand (``edits.jsonl`` of mocap desk), replayed on what was read.
@@ -145,10 +145,10 @@ def in_options(text: str) -> str:
 
 
 def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None, hints: Hints) -> FileContents:
-    """Pixels of cropped films in the whole picture, to be converted; findings say what was added.
+    """Pixels of cropped videos in the whole image, to be converted; findings say what was added.
 
     Raises:
-        FormatError: a file cannot be read, or offsets do not belong to the films.
+        FormatError: a file cannot be read, or offsets do not belong to the videos.
     """
     contents, _ = complete(_whole(files, None, hints), where=files[0].name, fps=fps or 1.0, unit=None)
     contents, cameras, told = _with_cameras(contents, files[0], None, None, None)

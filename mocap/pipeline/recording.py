@@ -52,7 +52,7 @@ class Footage:
 
     Attributes:
         movie: The movie.
-        frames: (T,) its frame, from 0, for each frame of the recording; outside of the movie there is no picture.
+        frames: (T,) its frame, from 0, for each frame of the recording; outside of the movie there is no image.
         straight: True where its pixels are ideal ones already: no lens, or undistorted before.
     """
 
@@ -95,11 +95,11 @@ class Recording:
         pixel_sd: Standard deviation of a pixel; None: estimated.
         correct_lag: Whether cameras that run late by the audit are read between their frames.
         fit_lens: Whether radial distortion is estimated from the recording and corrected.
-        mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions are pixels.
+        mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions are pixels.
         cleaned: Whether ``clean`` has made it; all that follows is known only then.
         rows: Where pixel rows are counted from, as decided; None: not yet.
         lens: What was estimated of the lenses from the pixels themselves, and taken out; None: nothing.
-        plane: The picture of one film, in which positions are; None: they are in space.
+        plane: The image of one video, in which positions are; None: they are in space.
         jitter_px: Standard deviation of a coordinate of a pixel, from frame to frame; NaN without cameras.
         bias_px: Standard deviation of the slow ray errors that were removed.
         stated_over_shown: Factor by which all deviations were multiplied, so that they are what the user states of a
@@ -167,7 +167,7 @@ class Recording:
             if corner not in (None, *corners):
                 raise MocapError(f"`{name.removeprefix('pixel_')}` is {corner!r}, expected {' or '.join(corners)}")
         if self.mm_per_px is not None and not self.planar:
-            raise MocapError("`mm_per_px` is the scale of one film without a calibration: leave it out")
+            raise MocapError("`mm_per_px` is the scale of one video without a calibration: leave it out")
 
     @property
     def where(self) -> str:
@@ -221,7 +221,7 @@ class Recording:
 
     @property
     def planar(self) -> bool:
-        """Whether this is one film without a calibration."""
+        """Whether this is one video without a calibration."""
         return len(self.camera_names) == 1 and not self.cameras and self.calibration is None
 
     @property
@@ -441,19 +441,19 @@ class Recording:
         """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation.
 
         Raises:
-            MocapError: the recording is one film, in the plane of its picture.
+            MocapError: the recording is one video, in the plane of its image.
         """
         self.in_space("kinematics")
         return kinematics(self.motion, self.skeleton, recording=self.name)
 
     def in_space(self, what: str) -> "Recording":
-        """The same, refused where it is of one film.
+        """The same, refused where it is of one video.
 
         Raises:
-            MocapError: positions are in the plane of a picture.
+            MocapError: positions are in the plane of an image.
         """
         if self.plane is not None:
-            raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
+            raise MocapError(f"{self.name}: one video without a calibration: {what} needs positions in space")
         return self
 
     def observations(self, *, hidden: NDArray[np.bool_] | None = None) -> Observations:

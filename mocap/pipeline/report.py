@@ -84,7 +84,7 @@ def make_report(
 ) -> dict[str, object]:
     """The report of a run; plain numbers, strings, lists and dictionaries.
 
-    Of one film without a scale, keys that name millimetres name pixels. ``validation`` has, by method, how gaps that
+    Of one video without a scale, keys that name millimetres name pixels. ``validation`` has, by method, how gaps that
     were hidden are filled. Where these are some frames of a long recording, ``whole`` has its counts, and single
     samples are not listed.
     """
@@ -311,7 +311,7 @@ def readable(report: Mapping, *, title: str) -> str:
     inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
     within = {name: report["samples"][name] / inside for name in ("measured", "smoothed", "predicted", "rejected")}
     unit, film, one_camera = unit_of(report), "plane" in report, report["model"]["name"] == ONE_CAMERA
-    cameras = "one film" if film else number_of(len(report["cameras"]), "camera")
+    cameras = "one video" if film else number_of(len(report["cameras"]), "camera")
     lines = [
         f"# {plain(title)}",
         "",
@@ -329,8 +329,8 @@ def readable(report: Mapping, *, title: str) -> str:
         f"| rejected | {within['rejected']:.1%} |",
         f"| left empty | {max(1 - sum(within.values()), 0.0):.1%} |",
         "",
-        *_gap_lines("Against the truth, inside gaps", report.get("gaps"), unit),
-        *_gap_lines("Against the truth, where markers were seen", report.get("measured"), unit),
+        *_gap_lines("Against the ground truth, inside gaps", report.get("gaps"), unit),
+        *_gap_lines("Against the ground truth, where markers were seen", report.get("measured"), unit),
         *_gap_lines(
             f"Samples hidden from this recording and filled again ({report['validation']['hidden_samples']} samples)",
             report["validation"]["methods"],
@@ -422,8 +422,8 @@ def _measured_lines(repeated: Mapping, found: Mapping, unit: str) -> list[str]:
     most = found["largest"]
     lines = [
         "- of that of measured samples, repeatability (what varies from frame to frame) is "
-        f"{_two(repeated, unit)}; the rest is accuracy: errors of clicks, lens and calibration that "
-        "last, and do not average out"
+        f"{_two(repeated, unit)}; the rest is accuracy: errors of digitising, lens and calibration "
+        "that last, and do not average out"
     ]
     if most is None:
         return lines
@@ -515,7 +515,7 @@ def residual_lines(residuals: Mapping[str, Mapping[str, float | None]]) -> list[
     return [
         "## Reprojection errors by camera and marker",
         "",
-        "Median distance in px from the clicks to where their point projects; markers with the largest first.",
+        "Median reprojection error in px; markers with the largest first.",
         "",
         "| marker | " + " | ".join(map(plain, cameras)) + " |",
         "|---" * (len(cameras) + 1) + "|",

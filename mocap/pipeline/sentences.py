@@ -137,22 +137,22 @@ def position_noise(sd_m: Array, plane: Plane | None) -> Finding:
 
 
 def in_plane(plane: Plane, *, measures: bool) -> list[Finding]:
-    """How one film without a calibration was read; ``measures``: bones, joints or measures were given, in vain."""
+    """How one video without a calibration was read; ``measures``: bones, joints or measures were given, in vain."""
     if plane.mm_per_px is None:
-        said = "one film without a calibration: positions are pixels of its picture"
+        said = "one video without a calibration: positions are pixels of its image"
     else:
         said = (
-            f"one film without a calibration: positions are in the plane of its picture, {plane.mm_per_px:g} mm per "
+            f"one video without a calibration: positions are in the plane of its image, {plane.mm_per_px:g} mm per "
             "pixel as stated; what moves nearer to the camera or away from it, or turns out of the plane, is wrong in "
             "proportion"
         )
-    unused = "bones, joints and measures were not used: lengths and angles in a picture change as they turn"
+    unused = "bones, joints and measures were not used: lengths and angles in an image change as they turn"
     found = [Finding(kind="plane", text=f"{said}; x and y are those of the file, and the lens is not corrected")]
     return [*found, *([Finding(kind="measures in a plane", text=unused)] if measures else [])]
 
 
 def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least: float) -> list[Finding]:
-    """Clicks of one film with a likelihood below ``least``, of all that were seen."""
+    """Clicks of one video with a likelihood below ``least``, of all that were seen."""
     if not unlikely.any():
         return []
     count = int(unlikely.sum())
@@ -180,7 +180,7 @@ def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, 
         found.append(Finding(kind="mirror image", text=text, numbers={"probability": other}))
     if strange:
         usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
-        worse = "miss by more than the model states" if trials == 1 else usual
+        worse = "have larger reprojection errors than the model states" if trials == 1 else usual
         text = f"{strange} frames show poses unlike those of the trials and were left empty: seen markers {worse}"
         found.append(Finding(kind="unlike poses", text=text, numbers={"frames": strange}))
     if (wider > 1).any():
@@ -275,8 +275,8 @@ def hand_findings(apart: NDArray[np.int64], names: Sequence[str], *, first: int 
         Finding(
             kind="corrections by hand",
             alarm=True,
-            text=f"places given by hand do not meet ({told}{', ...' if len(where) > MOST else ''}): the marker was put "
-            "between them; look at these pictures again",
+            text=f"points digitised by hand disagree between cameras ({told}{', ...' if len(where) > MOST else ''}): "
+            "the marker was put between them; check these images",
             numbers={"samples": len(where)},
             markers=tuple(dict.fromkeys(name for _, name in where)),
             frames=tuple(frame for frame, _ in where[:MOST]),
@@ -341,8 +341,8 @@ def exchange_findings(
         out.append(Finding(kind="short identity switches", text=text, numbers={"switches": short}))
     if clicks:
         text = (
-            f"{clicks} clicks left out: in their frames cameras disagree on which of two markers is which, and neither "
-            "the rays nor the paths of the clicks decide it"
+            f"{clicks} digitised points left out: in their frames cameras disagree on which of two markers is which, "
+            "and neither the rays nor the paths decide it"
         )
         out.append(Finding(kind="ambiguous clicks", text=text, numbers={"clicks": clicks}))
     return [*out, *rejected("doubtful_name", doubtful)]
@@ -360,7 +360,7 @@ def likelihood_findings(found: LikelihoodNoise | None, stated: bool, left_out: i
     if not stated:
         return []
     if found is None:
-        text = "too few clicks are seen by two surer cameras to learn from what they are worth"
+        text = "too few points are seen by two cameras of higher likelihood to learn what likelihoods mean"
         return [Finding(kind="likelihoods", text=f"likelihoods were not used: {text}")]
     weak = found.factor > 1.05
     sentence = "errors do not depend on the likelihood"
@@ -368,11 +368,11 @@ def likelihood_findings(found: LikelihoodNoise | None, stated: bool, left_out: i
         sentence = f"from likelihood {found.at[weak][-1]:.2f} down errors grow, up to {found.factor[0]:.1f} times"
     if found.least > 0:
         sentence += (
-            f"; {left_out} clicks with a likelihood below {found.least:.2f} were not believed ({found.wrong[0]:.0%} of "
-            f"the least likely miss by more than {FAR:g} standard deviations), which leaves {lost} samples without a "
+            f"; {left_out} points with a likelihood below {found.least:.2f} were left out ({found.wrong[0]:.0%} of "
+            f"the least likely have errors above {FAR:g} standard deviations), which leaves {lost} samples without a "
             "point"
         )
-    text = f"likelihoods weigh the clicks, as far as rays show what they are worth: {sentence}"
+    text = f"points are weighted by likelihood, as learned from reprojection errors: {sentence}"
     return [Finding(kind="likelihoods", text=text, numbers={"clicks": left_out, "samples": lost})]
 
 

@@ -83,7 +83,7 @@ def expected_error(report: Mapping) -> Expected | None:
 
 
 def unit_of(report: Mapping) -> str:
-    """Unit of lengths in a report: ``mm``, of one film without a scale ``px``."""
+    """Unit of lengths in a report: ``mm``, of one video without a scale ``px``."""
     return "px" if report.get("plane", {}).get("unit") == "px" else "mm"
 
 

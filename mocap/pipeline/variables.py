@@ -53,7 +53,7 @@ SIZES = {"pixel": 2, "space": 3, "space_to": 3, "axis": 2, "axis_to": 2, "row": 
 
 VARIABLES: Mapping[str, Variable] = {
     "pixels": Variable((*RAY, "pixel"), "px", "read", "where each camera saw each marker, as in the file"),
-    "likelihood": Variable(RAY, "", "read", "of each click, as the clicking program states it, 0 to 1"),
+    "likelihood": Variable(RAY, "", "read", "of each point, as the digitising program states it, 0 to 1"),
     "confidence": Variable(SAMPLE, "", "read", "of each position, as the file states it, 0 to 1"),
     "position": Variable(
         (*SAMPLE, "space"), "m", "read", "of each marker: of a file, (of pixels) since `clean`; smoothed since `track`"
@@ -72,7 +72,7 @@ VARIABLES: Mapping[str, Variable] = {
     "believed": Variable((*RAY, "pixel"), "px", "clean", "`ideal` that is believed, without slowly varying errors"),
     "ray_sd": Variable(RAY, "px", "clean", "standard deviation of a coordinate of `believed`"),
     "ray_scale": Variable(RAY, "px", "clean", "scale of Student's t that its error follows"),
-    "ray_rejected": Variable(RAY, "", "clean", "clicks that miss the others of their marker", TRUTH),
+    "ray_rejected": Variable(RAY, "", "clean", "points that contradict the other cameras", TRUTH),
     "residual": Variable(SAMPLE, "px", "clean", "of the triangulation, before slow errors are taken out"),
     "rejected": Variable(("reason", *SAMPLE), "", "clean", "samples that are not believed, by reason", TRUTH),
     "most_speed": Variable(("keypoint",), "m/s", "clean", "above which a marker jumped"),

@@ -1,4 +1,4 @@
-"""Pixels in the coordinates of the calibration: of the whole picture, and counted from the same first pixel."""
+"""Pixels in the coordinates of the calibration: of the whole image, and counted from the same first pixel."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -52,7 +52,7 @@ def in_whole_picture(
     *,
     pixel_origin: PixelCorner | None,
 ) -> tuple[FileContents, tuple[str, ...]]:
-    """Pixels of cropped films in the whole picture: with the crop offsets that are given, or lie beside the tracks.
+    """Pixels of cropped videos in the whole image: with the crop offsets that are given, or lie beside the tracks.
 
     Offsets that the user gives are added; those that merely lie there only if rays then meet better.
 
@@ -113,7 +113,7 @@ def _typical_residual(cameras: Sequence[Camera], uv_px: Array) -> float:
 
 
 def _added(contents: FileContents, pixels: PixelTracks, offsets: Sequence[Array]) -> Array:
-    """(C, T, M, 2) pixels plus the offsets of their frames; row n of moving offsets is that of the film's frame n.
+    """(C, T, M, 2) pixels plus the offsets of their frames; row n of moving offsets is that of the video's frame n.
 
     Raises:
         FormatError: offsets end before the recording does.
@@ -127,7 +127,7 @@ def _added(contents: FileContents, pixels: PixelTracks, offsets: Sequence[Array]
         if seen.any() and (at[seen].max() >= len(offset) or at[seen].min() < 0):
             raise FormatError(
                 f"crop offsets of camera {pixels.cameras[camera]!r} have {len(offset)} rows, but it is seen in its "
-                f"frame {at[seen].max() + 1}: give the offsets of this film, a row a frame"
+                f"frame {at[seen].max() + 1}: give the offsets of this video, a row a frame"
             )
         out[camera] += offset[np.clip(at, 0, len(offset) - 1), None]
     return out

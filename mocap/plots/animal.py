@@ -19,7 +19,7 @@ MEASURED, FILLED = COLOURS[0], COLOURS[1]
 def draw_animal(run: Recording) -> "Figure":
     """Three phases of the motion, markers measured and filled, and the path of the body.
 
-    The plane of the picture holds the animal's longest axis and the direction across it in which it moves most. Phases
+    The plane of the image holds the animal's longest axis and the direction across it in which it moves most. Phases
     are those of the largest component of that motion: its two extremes, and the frame half-way between.
     """
     from matplotlib.figure import Figure
@@ -61,7 +61,7 @@ def draw_animal(run: Recording) -> "Figure":
 
 
 def _phases(xyz: Array) -> tuple[list[int], Array]:
-    """Three frames in which most markers have a position, and all positions (T, M, 2) in the plane of the picture.
+    """Three frames in which most markers have a position, and all positions (T, M, 2) in the plane of the image.
 
     A single marker has no phases.
     """

@@ -112,7 +112,7 @@ def pictures(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Fo
 def _most_moving(found: Kinematics, names: Sequence[str], most: int = 3) -> list[list[str]]:
     """The angles that move most, both sides of a joint together, of those known in half as many frames as the best."""
     count = {n: int(np.isfinite(found[n].value).sum()) for n in names if n in found}
-    some = [name for name, known in count.items() if known >= max(8, 0.5 * max(count.values()))]
+    some = [name for name, number in count.items() if number >= max(8, 0.5 * max(count.values()))]
     pairs: dict[str, list[str]] = {}
     for name in some:
         pairs.setdefault(words(name).removeprefix("left ").removeprefix("right "), []).append(name)

@@ -69,8 +69,8 @@ class Plots:
         """
         rows = [row for row in self.rows if row.of == of]
         if not rows:
-            known = ", ".join(dict.fromkeys(row.of for row in self.rows)) or "none"
-            raise MocapError(f"there are no cycles of {of!r}: there are {known}; state strokes or feet in the skeleton")
+            parts = ", ".join(dict.fromkeys(row.of for row in self.rows)) or "none"
+            raise MocapError(f"there are no cycles of {of!r}: there are {parts}; state strokes or feet in the skeleton")
         return ensemble(self.kinematics, rows, quantity)
 
     def by_phase(self, *quantities: str, of: str, ax: "Axes | None" = None) -> "Axes":

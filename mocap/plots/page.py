@@ -50,8 +50,8 @@ def report_page(
         fps=(len(frames) - 1) / (frames[-1] - frames[0]) if len(frames) > 1 else 0.0,
         seconds=float(frames[-1] - frames[0]) if len(frames) else 0.0,
         numbers=_numbers(run, rows),
-        wrong=[_linked(said) for said in cast(Sequence[str], run.report.get("wrong", ()))],
-        notes=[_linked(said) for said in [*notes(run.report), *found.notes]],
+        wrong=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("wrong", ()))],
+        notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes]],
         cycles=_cycles(rows),
         angles=_angles(run, found),
         animal=next((sources[one.name] for one in shown if one.name == "animal"), None),
@@ -68,7 +68,7 @@ def tracked_html(run: Recording) -> str:
     rows = "".join(
         f"<tr><td>{escape(what)}</td><td><b>{escape(value)}</b></td></tr>" for value, what in _numbers(run, ())
     )
-    wrong = "".join(f"<li>{escape(said)}</li>" for said in cast(Sequence[str], run.report.get("wrong", ()))[:3])
+    wrong = "".join(f"<li>{escape(sentence)}</li>" for sentence in cast(Sequence[str], run.report.get("wrong", ()))[:3])
     angle = next((f"{joint.name}_flexion_deg" for joint in run.skeleton.joints), "body_speed_m_s")
     following = (
         f'res.plot.over_time("{angle}")',

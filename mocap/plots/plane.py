@@ -1,4 +1,4 @@
-"""Figures of one film: paths of markers in its picture, and their coordinates over time."""
+"""Figures of one video: paths of markers in its image, and their coordinates over time."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ def plane_pictures(run: Recording) -> Iterator[Picture]:
     unit, filled = run.plane.unit, np.isin(markers.status, (Status.SMOOTHED, Status.PREDICTED))
     yield Picture(
         name="paths",
-        caption="Paths in the picture, rows downwards; thin grey where filled.",
+        caption="Paths in the image, rows downwards; thin grey where filled.",
         figure=_paths(xy, filled, markers.names, unit).figure,
     )
     most = np.argsort(-(markers.status == Status.MEASURED).sum(axis=0), kind="stable")[: len(COLOURS)]
@@ -50,9 +50,9 @@ def _paths(xy: np.ndarray, filled: np.ndarray, names: tuple[str, ...], unit: str
         colour = COLOURS[m % len(COLOURS)]
         ax.plot(*xy[:, m].T, color="#BBBBBB", linewidth=0.5)
         ax.plot(*np.where(filled[:, m, None], np.nan, xy[:, m]).T, color=colour, linewidth=0.9)
-        known = np.flatnonzero(np.isfinite(xy[:, m, 0]))
-        if len(known):
-            ax.annotate(names[m], xy[known[0], m], fontsize=5, color=colour)
+        finite = np.flatnonzero(np.isfinite(xy[:, m, 0]))
+        if len(finite):
+            ax.annotate(names[m], xy[finite[0], m], fontsize=5, color=colour)
     ax.set_aspect("equal", adjustable="datalim")
     ax.invert_yaxis()
     labelled(ax, f"x ({unit})", f"y ({unit})")

@@ -1,6 +1,6 @@
 """The figures of the EAL paper, reproduced with a verdict for every claim.
 
-The number of a figure and a seed come in. Pictures, tables and verdicts go out. It touches the result folder.
+The number of a figure and a seed come in. Images, tables and verdicts go out. It touches the result folder.
 """
 
 from mocap.reproduce.figures import FIGURES, reproduce

@@ -32,7 +32,7 @@ RECORDED: dict[str, tuple[Callable[..., Tracked], str]] = {
     "19_recorded": (spherical, "spherical pendulum, filmed"),
     "20_recorded": (wrist, "wrist about elbow of a lizard, filmed"),
 }
-"""Figures 13, 19 and 20 from films: in (r, theta), in (x1, x2, x3), and in body axes; and their titles."""
+"""Figures 13, 19 and 20 from videos: in (r, theta), in (x1, x2, x3), and in body axes; and their titles."""
 
 
 def figure_recorded(name: str, *, quick: bool) -> Figure:

@@ -132,9 +132,9 @@ def figure_16(*, quick: bool) -> Figure:  # noqa: ARG001
     )
     early, late = (constraint[TIMES_S.index(t), 0][-1] for t in (0.05, end))
     ratio = (0.2, late / early, peaks[-1, 0, -1] / early)
-    held = penalties <= 1.01e4
+    allowed = penalties <= 1.01e4
     least, most = normal_force_errors(experiment, TIMES_S[-1])
-    share = constraint[-1, 0][held] * penalties[held] / most
+    share = constraint[-1, 0][allowed] * penalties[allowed] / most
     verdicts = (
         judged(
             "16",

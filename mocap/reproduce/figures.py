@@ -69,7 +69,7 @@ def reproduce(
     spans_s: Sequence[float] = fig_penalty.SPANS_S,
     recordings: bool = False,
 ) -> list[Verdict]:
-    """Figures of the EAL paper as pictures, tables and verdicts.
+    """Figures of the EAL paper as images, tables and verdicts.
 
     Writes ``fig<NAME>.png`` and ``fig<NAME>.csv`` (``theorem1.png`` ...), ``verdicts.json`` and ``figures.md``, which
     says of every figure of the paper which file it is in, or where else it is. One BLAS thread: the matrices are small.
@@ -85,7 +85,7 @@ def reproduce(
         flights_deg: (N, 1) angles of the elbow of ``bat`` and ``lizard``, a trial each, for figure 8; None: the
             built-in animals.
         spans_s: Spans of the samples of figure 19a, in seconds; the paper gives none.
-        recordings: Whether to film, convert and track the pendulums and the lizard's wrist as well: ``13_recorded``,
+        recordings: Whether to video, convert and track the pendulums and the lizard's wrist as well: ``13_recorded``,
             ``19_recorded``, ``20_recorded``, some minutes.
 
     Returns:
@@ -133,9 +133,9 @@ def reproduce(
             lines.append(f"- Figure {name}: {ELSEWHERE[name]}")
         elif mine:
             stem = name if name.startswith("theorem") else f"fig{name}"
-            held = sum(v.holds for v in mine)
+            holding = sum(v.holds for v in mine)
             title = label(name).replace("fig", "Figure").capitalize()
-            lines.append(f"- {title}: {stem}.png, {stem}.csv; {held} of {len(mine)} claims hold")
+            lines.append(f"- {title}: {stem}.png, {stem}.csv; {holding} of {len(mine)} claims hold")
     (out / "figures.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return verdicts
 
@@ -146,7 +146,7 @@ def _order(name: str) -> tuple[int, str]:
 
 
 def write_figure(figure: Figure, out: Path) -> None:
-    """Picture and table of one figure."""
+    """Image and table of one figure."""
     canvas = Canvas(figsize=(6.4, 4.6), dpi=110, layout="constrained")
     FigureCanvasAgg(canvas)
     figure.draw(canvas)

@@ -198,9 +198,9 @@ def track_joint(
             if frame:
                 filtered.Q = noises[-1]
                 filtered.predict()
-            known = np.isfinite(sights.centre_m[frame]).all() and np.isfinite(sights.uv_px[:, frame]).any()
-            measured.append(bool(known))
-            if known:
+            finite = np.isfinite(sights.centre_m[frame]).all() and np.isfinite(sights.uv_px[:, frame]).any()
+            measured.append(bool(finite))
+            if finite:
                 total += _condition(filtered, sights, frame, look)
             means.append(filtered.x)
             covs.append(filtered.P)
@@ -286,8 +286,8 @@ def learned_noise(
     @cache
     def likelihood(strength: float, power: float) -> float:
         try:
-            held = replace(model, strength=strength)
-            track = track_joint(held, sights, q0, v0, power_w=power, start_sd=start_sd)
+            tried = replace(model, strength=strength)
+            track = track_joint(tried, sights, q0, v0, power_w=power, start_sd=start_sd)
             return track.log_likelihood if np.isfinite(track.log_likelihood) else -np.inf
         except (IntegrationError, np.linalg.LinAlgError):
             return -np.inf

@@ -177,10 +177,10 @@ def _start(seen: Seen) -> tuple[Array, Array]:
     """Coordinates and velocities at the first frame: a parabola through the first samples."""
     t = seen.sights.t_s[:12] - seen.sights.t_s[0]
     q = seen.q[:12]
-    known = np.isfinite(q).all(axis=1)
-    if known.sum() < 4:
+    finite = np.isfinite(q).all(axis=1)
+    if finite.sum() < 4:
         return q[0], np.zeros(q.shape[1])
-    powers = np.polynomial.polynomial.polyfit(t[known], q[known], 2)
+    powers = np.polynomial.polynomial.polyfit(t[finite], q[finite], 2)
     return powers[0], powers[1]
 
 
@@ -225,8 +225,8 @@ def _stand(recording: SyntheticRecording, *, polar: bool) -> Seen:
         q = np.einsum("tji,tj->ti", frames.rotation, prepared.xyz_m[:, names.index("bob")] - centre)
         sights = _sights(prepared, "bob", centre, cov, frames.rotation, lambda at: at[:, None])
         return Seen(sights=sights, q=q, truth=np.einsum("tji,tj->ti", frames.rotation, truth))
-    known = np.isfinite(plane).all(axis=1)
-    u, _, vt = np.linalg.svd(body[known].T @ plane[known], full_matrices=False)
+    finite = np.isfinite(plane).all(axis=1)
+    u, _, vt = np.linalg.svd(body[finite].T @ plane[finite], full_matrices=False)
     in_body = u @ vt  # (3, 2) axes of the limb's mean plane: down, and across
     axes = frames.rotation @ in_body
     q = np.einsum("tik,ti->tk", axes, prepared.xyz_m[:, names.index("bob")] - centre)

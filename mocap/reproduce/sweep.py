@@ -222,7 +222,7 @@ def against_penalty(
     curves = [Curve(label=label.format(one), x=penalties, y=y) for one, y in zip(values, errors[0], strict=True)]
     fixed = {"lambda": f", λ = {LAMBDA:g}", "N": f", N = {N}"}
     title = f"Fig. {name}: " + (f"noise {delta:g} m, {seeds} seeds" if delta else "exact samples")
-    title += "".join(said for what, said in fixed.items() if what != over)
+    title += "".join(text for what, text in fixed.items() if what != over)
     return Figure(
         name=name,
         table=error_table(axes, *errors, delta=delta),

@@ -116,7 +116,7 @@ def difference_mm(first: Stored, other: Stored) -> Difference:
 
 
 def compare_blueprint(runs: Sequence[Stored], differences: Sequence[Difference]) -> rrb.Blueprint:
-    """Tabs: Together, Side by side, Cameras, Joints, Filter health, Reports; a column a run."""
+    """Tabs: Together, Side by side, Cameras, Joints, Filter diagnostics, Reports; a column a run."""
     # all bodies in one scene, and how far they are from the first
     colors = ("blue", "orange", "green", "purple")
     title = ", ".join(f"{run.name} {color}" for run, color in zip(runs, colors, strict=False))
@@ -180,7 +180,7 @@ def _joints(runs: Sequence[Stored]) -> list[rrb.Container]:
         for i, run in enumerate(runs):
             root = f"{paths.run(i)}{paths.JOINTS}/{joint}"
             trail = last_frames(trail_length(len(run.t_s)))
-            # the part of a view that holds a map, from where its picture was put
+            # the part of a view that holds a map, from where its image was put
             path = f"{paths.JOINTS}/{joint}/map/potential"
             corner, cell = (run.static(path, f"Transform3D:{part}")[0] for part in ("translation", "scale"))
             shape = run.static(path, "Image:format")[0]
@@ -217,7 +217,7 @@ def _health(runs: Sequence[Stored]) -> rrb.Container:
         rrb.Vertical(*(series_view(f"{paths.run(i)}{path}", f"{run.name}: {what}") for path, what in series))
         for i, run in enumerate(runs)
     ]
-    return rrb.Horizontal(*columns, name="Filter health")
+    return rrb.Horizontal(*columns, name="Filter diagnostics")
 
 
 def _scene(

@@ -19,14 +19,14 @@ from typing import IO
 
 
 def started(
-    command: Sequence[str], *, environment: Mapping[str, str], said: IO[bytes] | int
+    command: Sequence[str], *, environment: Mapping[str, str], output: IO[bytes] | int
 ) -> subprocess.Popen[bytes]:
     """Start a command that ends with this process.
 
     Args:
         command: Program and arguments.
         environment: Its environment.
-        said: Where its stdout and stderr go.
+        output: Where its stdout and stderr go.
 
     Returns:
         The guardian: it ends when the command does, with its exit code (128 and the signal's number where a signal
@@ -37,8 +37,8 @@ def started(
         [sys.executable, "-I", "-S", __file__, *command],
         env=dict(environment),
         stdin=subprocess.PIPE,
-        stdout=said,
-        stderr=said,
+        stdout=output,
+        stderr=output,
         start_new_session=True,  # where there are sessions; Windows has groups
         creationflags=own_group,
     )

@@ -49,10 +49,10 @@ def joint_energy(t_s: Array, path_mm: Array, value: Array) -> JointEnergy:
     """
     speed = np.gradient(path_mm, t_s, axis=0) if len(t_s) > 1 else np.full_like(path_mm, np.nan)
     kinetic = 0.5 * np.square(speed).sum(axis=1) / MM_PER_M**2
-    known = np.flatnonzero(np.isfinite(kinetic) & np.isfinite(value))
+    finite = np.flatnonzero(np.isfinite(kinetic) & np.isfinite(value))
     bound, strength = np.full(len(t_s), np.nan), 0.0
-    if len(known):
-        fastest = known[np.argmax(kinetic[known])]
+    if len(finite):
+        fastest = finite[np.argmax(kinetic[finite])]
         strength = STIFFNESS * float(kinetic[fastest])
     if strength > 0:
         bound[:] = theorem3(
@@ -133,7 +133,7 @@ def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
             f"{tracks.frame!r} and have {', '.join(tracks.names) or 'no joints'}"
         )
     path_m = tracks.q_m[:, tracks.names.index(joint.joint), :2]
-    known = np.isfinite(path_m).all(axis=1)
+    finite = np.isfinite(path_m).all(axis=1)
     points = joint.samples_m[np.isfinite(joint.samples_m).all(axis=1)]
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
     half = max(float((high - low).max()) * (0.5 + _MARGIN), 1e-4)
@@ -141,8 +141,8 @@ def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
     grid_m = np.stack(np.meshgrid(x_m, y_m), axis=-1)
     value = np.asarray(joint.potential.value(grid_m.reshape(-1, 2) / joint.scale_m)).reshape(GRID, GRID)
     path_value = np.full(len(path_m), np.nan)
-    if known.any():
-        path_value[known] = joint.potential.value(path_m[known] / joint.scale_m)
+    if finite.any():
+        path_value[finite] = joint.potential.value(path_m[finite] / joint.scale_m)
     return Landscape(
         x_mm=x_m * MM_PER_M,
         y_mm=y_m * MM_PER_M,

@@ -30,9 +30,9 @@ def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
         way = {"dots": palette.GROUND, "trail": palette.BLUE, "ball_radius": 3.5}
         log_moving(rec, path, t_s, limb.samples * FLIP, limb.state * FLIP, **way)
         look = rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0)
-        known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
-        lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * FLIP)))
-        log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=known)
+        finite = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
+        lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[finite] * FLIP)))
+        log_over_time(rec, f"{path}/ellipse", t_s, lines, look, counts=finite)
         log_line(
             rec,
             f"{paths.child(paths.LIMBS, limb.name)}/series/value",
@@ -81,18 +81,18 @@ def ellipses(limb: HeldLimb) -> Array:
     """(T, P, 2) outlines of ``ELLIPSE_SD`` standard deviations round the state; NaN where it is not known."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)
     circle = ELLIPSE_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    known = np.asarray(np.isfinite(limb.cov).all(axis=(1, 2)))
-    value, vectors = np.linalg.eigh(np.where(known[:, None, None], limb.cov, np.eye(2)))
+    finite = np.asarray(np.isfinite(limb.cov).all(axis=(1, 2)))
+    value, vectors = np.linalg.eigh(np.where(finite[:, None, None], limb.cov, np.eye(2)))
     root = vectors * np.sqrt(np.maximum(value, 0.0))[:, None]
-    return np.where(known[:, None, None], limb.state[:, None] + circle @ np.swapaxes(root, 1, 2), np.nan)
+    return np.where(finite[:, None, None], limb.state[:, None] + circle @ np.swapaxes(root, 1, 2), np.nan)
 
 
 def _log_pull(rec: rr.RecordingStream, limb: HeldLimb, t_s: Array, at: Array, pull: Array, radius_m: float) -> None:
     path = paths.child(paths.PULL, limb.name)
     length = np.linalg.norm(pull, axis=-1)
-    known = np.isfinite(at).all(axis=-1) & np.isfinite(length)
-    strongest = float(np.quantile(length[known], 0.99)) if known.any() else 0.0
+    finite = np.isfinite(at).all(axis=-1) & np.isfinite(length)
+    strongest = float(np.quantile(length[finite], 0.99)) if finite.any() else 0.0
     scale = REACH * radius_m / strongest if strongest > 0 else 0.0
     look = rr.Arrows3D.from_fields(colors=palette.VERMILLION, radii=ui(2.0))
-    columns = rr.Arrows3D.columns(origins=single(at[known]), vectors=single(scale * pull[known]))
-    log_over_time(rec, path, t_s, columns, look, counts=known.sum(axis=1))
+    columns = rr.Arrows3D.columns(origins=single(at[finite]), vectors=single(scale * pull[finite]))
+    log_over_time(rec, path, t_s, columns, look, counts=finite.sum(axis=1))

@@ -128,9 +128,9 @@ def log_markers(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks) ->
 
 def log_uncertainty(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks) -> None:
     """An ellipsoid of ``ELLIPSOID_SD`` standard deviations round each sample whose covariance is known."""
-    known = np.isfinite(markers.cov_m2).all(axis=(-2, -1))
+    finite = np.isfinite(markers.cov_m2).all(axis=(-2, -1))
     for name, mask in classes(markers).items():
-        path, mask = paths.child(paths.UNCERTAINTY, name), mask & known
+        path, mask = paths.child(paths.UNCERTAINTY, name), mask & finite
         half_sizes, quaternions = ellipsoids(markers.cov_m2[mask] * np.outer(scene.signs, scene.signs))
         columns = rr.Ellipsoids3D.columns(
             centers=single(scene.points(markers.xyz_m[mask])),
@@ -190,7 +190,7 @@ _STATES = np.array(["", *paths.ORIGINS])
 
 
 def log_gap_map(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
-    """A picture of the class of every sample, a row a marker.
+    """An image of the class of every sample, a row a marker.
 
     Where there are more frames than columns, a column shows the last class of ``paths.ORIGINS`` among its frames: one
     rejected sample or a short gap is not lost.

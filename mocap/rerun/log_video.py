@@ -1,4 +1,4 @@
-"""What the cameras filmed, under what was measured in it: which films these are, and how every viewer plays them."""
+"""What the cameras filmed, under what was measured in it: which videos these are, and how every viewer plays them."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
     """The movies of all cameras, in their order.
 
     Args:
-        given: A movie or a folder of pictures a camera; or one folder that holds just these, sorted by their names,
+        given: A movie or a folder of images a camera; or one folder that holds just these, sorted by their names,
             numbers by their value.
 
     Raises:
@@ -98,7 +98,7 @@ def _sentence(camera: Camera, footage: Footage, source: str) -> str:
     offsets = np.unique(footage.frames - np.arange(len(footage.frames)))
     how = f"{offsets[0]:+d}" if len(offsets) == 1 else f"{offsets[0]:+d} to {offsets[-1]:+d}"
     there = int(footage.there.sum())
-    missing = "" if there == len(footage.frames) else f"; {len(footage.frames) - there} frames have no picture"
+    missing = "" if there == len(footage.frames) else f"; {len(footage.frames) - there} frames have no image"
     lens = "" if camera.lens is None else " taken as free of distortion" if footage.straight else " straightened"
     return (
         f"{camera.name}: {footage.movie.path.name}{lens}, {footage.movie.n_frames} frames, frame of the movie = "
@@ -106,12 +106,12 @@ def _sentence(camera: Camera, footage: Footage, source: str) -> str:
     )
 
 
-def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array, str]:
+def offsets_of(tracks: Path | None, offsets: Sequence[int] | None) -> tuple[Array, str]:
     """Frames of the movies minus frames of the tracks, and where that is known from.
 
     Args:
         tracks: xypts file or project; None: not known.
-        stated: By the user; None: what the project says, or the file ``*offsets.csv`` beside an xypts file, or 0.
+        offsets: By the user; None: what the project says, or the file ``*offsets.csv`` beside an xypts file, or 0.
 
     Returns:
         (T or 1, C or 1) offsets.
@@ -119,8 +119,8 @@ def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array
     Raises:
         MocapError: that file cannot be read.
     """
-    if stated:
-        return np.array([stated], dtype=np.float64), "as stated"
+    if offsets:
+        return np.array([offsets], dtype=np.float64), "as stated"
     if tracks is None:
         return np.zeros((1, 1)), "not stated"
     if tracks.suffix.lower() == ".mat":
@@ -135,9 +135,9 @@ _CODER = {"preset": "11", "crf": "34", "svtav1-params": "pred-struct=1:lp=1:rtc=
 
 
 def log_video(rec: rr.RecordingStream, view: ViewCamera, camera: Camera, footage: Footage, t_s: Array) -> None:
-    """The film of one camera, a picture a frame; black where there is none.
+    """The video of one camera, an image a frame; black where there is none.
 
-    An AV1 film that needs no change is taken as it is; any other is decoded frame by frame, straightened if it is bent
+    An AV1 video that needs no change is taken as it is; any other is decoded frame by frame, straightened if it is bent
     by the lens, and coded.
 
     Args:
@@ -175,7 +175,7 @@ def coded_size(size_px: tuple[int, int]) -> tuple[int, int]:
 
 
 def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Iterator[av.Packet]":
-    """Pictures coded as AV1 in the order in which they are shown, one packet a picture."""
+    """Images coded as AV1 in the order in which they are shown, one packet a picture."""
     os.environ.setdefault("SVT_LOG", "1")  # the coder says nothing but errors
     coder: Any = pyav().CodecContext.create("libsvtav1", "w")
     coder.width, coder.height = size_px

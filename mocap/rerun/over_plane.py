@@ -11,9 +11,9 @@ from mocap.rerun.columns import log_over_time, segments, single, ui
 from mocap.rerun.scene_views import last_frames
 
 FLIP = np.array([1.0, -1.0])
-"""Up in a picture is up in the second coordinate, hence a view's second coordinate is its negative."""
+"""Up in an image is up in the second coordinate, hence a view's second coordinate is its negative."""
 _ORDERS = {"samples": 10.0, "limb": 18.0, "trail": 20.0, "now": 30.0}
-"""In a picture the higher is drawn over the lower."""
+"""In an image the higher is drawn over the lower."""
 
 
 def plane_view(path: str, name: str, x: Array, y: Array, trail_frames: int) -> rrb.View:

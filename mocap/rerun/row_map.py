@@ -1,4 +1,4 @@
-"""A picture with a row a marker or camera and the frames across, and a line at the current frame."""
+"""An image with a row a marker or camera and the frames across, and a line at the current frame."""
 
 from collections.abc import Callable
 
@@ -16,9 +16,9 @@ from mocap.rerun.columns import log_over_time, segments, ui
 SIZE, WIDE = (110.0, 100.0), (320.0, 100.0)
 """Width and height of a map, in units of its view: all frames across, all rows down."""
 _NAMES = 30.0
-"""Room for the names of the rows, left of the picture; longer ones are cut."""
+"""Room for the names of the rows, left of the image; longer ones are cut."""
 _LETTERS_PX, _LETTERS = 16, 6.0
-"""Pixels of a line of the names' picture, and the most that it takes of the view's height."""
+"""Pixels of a line of the names' image, and the most that it takes of the view's height."""
 
 
 def columns_of(n_frames: int) -> NDArray[np.int64]:
@@ -114,8 +114,8 @@ def rms(values: Array, axis: int = 0) -> Array:
 
 def usual_limit(values: Array) -> float:
     """The end of a scale that 99 % of the numbers stay below; 1 where there are none."""
-    known = values[np.isfinite(values)]
-    return max(float(np.quantile(known, 0.99)), 1e-9) if known.size else 1.0
+    finite = values[np.isfinite(values)]
+    return max(float(np.quantile(finite, 0.99)), 1e-9) if finite.size else 1.0
 
 
 def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE) -> rrb.View:

@@ -122,8 +122,8 @@ def _body_m(xyz_m: Array) -> float:
         xyz_m: (..., M, 3) positions; NaN where unknown.
     """
     frames = xyz_m.reshape(int(np.prod(xyz_m.shape[:-2])), *xyz_m.shape[-2:])
-    known = np.isfinite(frames).all(axis=-1)
-    frames = frames[known.sum(axis=1) > max(1, frames.shape[1] // 2)]
+    finite = np.isfinite(frames).all(axis=-1)
+    frames = frames[finite.sum(axis=1) > max(1, frames.shape[1] // 2)]
     if not len(frames):
         return np.inf
     size = np.linalg.norm(np.nanmax(frames, axis=1) - np.nanmin(frames, axis=1), axis=-1)

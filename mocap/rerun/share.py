@@ -61,17 +61,17 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
         target = recording_file(runs[0]) if len(runs) == 1 else Path(place) / "recording.rrd"
         if len(runs) > 1:
             write_comparison(runs, target)
-        recording = _held("recording.rrd", target.read_bytes())
+        recording = _embedded("recording.rrd", target.read_bytes())
         if len(recording) > LARGEST_MB * 1e6 * 4 / 3:
             raise OutputError(
                 f"the recording takes {len(recording) * 0.75e-6:.0f} MB compressed, and a page holds {LARGEST_MB:.0f} "
-                "MB at most: share a stretch of it (mocap view --frames), or a run without films"
+                "MB at most: share a stretch of it (mocap view --frames), or a run without videos"
             )
         text, script, wasm = fetched_viewer()
     title = html.escape(", ".join(run_names(runs)))
     parts = {
         f'<script src="{_SCRIPT}"></script>': recording
-        + _held(_WASM, wasm)
+        + _embedded(_WASM, wasm)
         + _FETCH
         + f"<script>{script.decode('utf-8')}</script>",
         QUERY: f'new URLSearchParams("{_OPTIONS}&hide_welcome_screen&" + window.location.search.slice(1))',
@@ -92,13 +92,13 @@ def changed_page(page: bytes, parts: Mapping[str, str]) -> str:
         OutputError: it is of a version whose page is not known.
     """
     shown = re.sub(r"<link[^>]*>", "", page.decode("utf-8"))
-    for known, ours in parts.items():
-        if shown.count(known) != 1:
+    for theirs, ours in parts.items():
+        if shown.count(theirs) != 1:
             raise OutputError(
-                f"the page of this version of rerun is not known here: {known!r} is not once in it: run `pip install "
+                f"the page of this version of rerun is not known here: {theirs!r} is not once in it: run `pip install "
                 "--force-reinstall eal-mocap`"
             )
-        shown = shown.replace(known, ours)
+        shown = shown.replace(theirs, ours)
     return shown
 
 
@@ -117,7 +117,7 @@ def fetched_viewer() -> tuple[bytes, bytes, bytes]:
     return text, script, wasm
 
 
-def _held(name: str, content: bytes) -> str:
+def _embedded(name: str, content: bytes) -> str:
     """A file in a page: compressed, in letters, under its name."""
     letters = base64.b64encode(gzip.compress(content, 6, mtime=0)).decode("ascii")
     return f'<script type="text/plain" id="{name}">{letters}</script>\n'

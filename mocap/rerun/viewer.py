@@ -88,7 +88,7 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
         command += ["--serve-web", "--web-viewer-port", str(page_port)]
         url = f"http://{HOST}:{page_port}/?url={quote(sink, safe='')}&theme=dark"
     messages = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the viewer
-    process = guardian.started(command, environment=quiet_environment(os.environ), said=messages)
+    process = guardian.started(command, environment=quiet_environment(os.environ), output=messages)
     viewer = Viewer(process=process, url=url, sink=sink, messages=messages)
     for port in (data_port, page_port) if web else (data_port,):
         _wait_for(viewer, port)
@@ -156,8 +156,8 @@ def _wait_for(viewer: Viewer, port: int) -> None:
 def _failed(viewer: Viewer) -> ViewerError:
     guardian.end(viewer.process)
     viewer.messages.seek(0)
-    said = viewer.messages.read().decode(errors="replace").strip().splitlines()
+    lines = viewer.messages.read().decode(errors="replace").strip().splitlines()
     viewer.messages.close()
-    reason = said[-1].strip() if said else "it said nothing"
+    reason = lines[-1].strip() if lines else "it said nothing"
     hint = "try --web" if viewer.url is None else "try again, or open the file with `rerun` elsewhere"
     return ViewerError(f"the viewer ended with code {viewer.process.returncode} ({reason}): {hint}")

@@ -29,7 +29,7 @@ def write_keypoints(run: Recording, files: Mapping[str, str], folder: Path) -> N
     """Write positions, and what each camera would show of them, with all filled samples.
 
     Raises:
-        MocapError: a package that writes the format is missing, or the height of the picture is not known where
+        MocapError: a package that writes the format is missing, or the height of the image is not known where
             pixels are counted from below.
     """
     run.in_space("an export of key points")
@@ -50,7 +50,7 @@ def contents_of(run: Recording) -> FileContents:
     covariance and J the slope of the projection (exact for a round covariance).
 
     Raises:
-        MocapError: the height of the picture is not known where pixels are counted from below.
+        MocapError: the height of the image is not known where pixels are counted from below.
     """
     markers, cameras = run.tracks, run.cameras
     pixels, score = None, None
@@ -92,7 +92,7 @@ def _recorded(camera: Camera, uv: Array, *, y_up: bool) -> Array:
     """Ideal pixels as the camera records them, from the upper left."""
     if y_up and camera.size_px is None:
         raise MocapError(
-            f"camera {camera.name} counts pixels from the lower left and the height of its picture is not known: track "
+            f"camera {camera.name} counts pixels from the lower left and the height of its image is not known: track "
             "with a camera profile (--profile), or with --video"
         )
     uv = flipped(uv, float(camera.size_px[1])) if y_up and camera.size_px else uv

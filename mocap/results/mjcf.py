@@ -65,7 +65,9 @@ def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
     skeleton, markers = run.skeleton, run.tracks
     names = markers.names
     if not skeleton.trunk:
-        raise MocapError(f"{run.name}: its skeleton names no trunk, which the segments of {what} hang on: state one")
+        raise MocapError(
+            f"{run.name}: its skeleton names no trunk, to which the segments of {what} are attached: state one"
+        )
     trunk = [names.index(m) for m in skeleton.trunk]
     axes = body_frames(markers.xyz_m[:, trunk], dt_s=_step(markers.t_s))
     known = markers.status == Status.MEASURED

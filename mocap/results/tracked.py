@@ -133,7 +133,7 @@ class Tracked(Recording):
         nor while a foot stands; ``notes`` says which joints were left out and why (``mocap.kinematics.moments``).
 
         Raises:
-            MocapError: the recording is one film, in the plane of its picture.
+            MocapError: the recording is one video, in the plane of its image.
         """
         self.in_space("moments")
         return moments(self.motion, self.skeleton, steps=self.footfalls, recording=self.name)
@@ -339,7 +339,7 @@ class Tracked(Recording):
         """The same, with movies to be shown under its tracks.
 
         Args:
-            movies: A movie or a folder of pictures a camera, in the order of the cameras; or one folder that holds
+            movies: A movie or a folder of images a camera, in the order of the cameras; or one folder that holds
                 them, sorted by name; or movies that are open.
             offset_frames: Frame of the movie minus frame of the tracks: one for all, or one a camera; None: as the
                 project, or the offsets file beside the tracks, says.

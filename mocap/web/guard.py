@@ -3,7 +3,7 @@
 A server on 127.0.0.1 is reached by every user of the computer, and by every web page that its browser shows. So the
 address holds a random token, as the first part of its path. It is neither a cookie nor a parameter: browsers send the
 cookies of 127.0.0.1 to the servers of all its ports, those of other users too, whereas a path is carried on by relative
-addresses in whatever a page loads (pictures, frames, scripts, WebSockets), to this server alone. It leaves the browser
+addresses in whatever a page loads (images, frames, scripts, WebSockets), to this server alone. It leaves the browser
 with no request to another host (``Referrer-Policy``), and is written to no log.
 """
 
@@ -36,9 +36,9 @@ HEADERS = {
 class Refusal(Exception):
     """A request that is not answered, with its status and why."""
 
-    def __init__(self, status: int, said: str) -> None:
+    def __init__(self, status: int, reason: str) -> None:
         """As HTTP has it."""
-        super().__init__(said)
+        super().__init__(reason)
         self.status = status
 
 

@@ -19,7 +19,7 @@ from mocap.web.guard import HEAD_BYTES, REQUEST_S, Guard
 
 HOST = "127.0.0.1"
 CONNECTIONS = 256
-"""At once, at most: a browser opens six, and Linux lets a process open 1024 files, films among them."""
+"""At once, at most: a browser opens six, and Linux lets a process open 1024 files, videos among them."""
 ANSWER_S = 60.0
 """An answer that is not read by then is given up: rerun's viewer, 40 MB, at 0.7 MB/s."""
 _BUSY = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"

@@ -87,13 +87,13 @@ def page(routes: Sequence[Route], *, limits: Mapping[str, Any] | None = None) ->
         limits: What ``below`` and other validators look up, as it is at each request.
     """
     kinds = (ValidationError, MocapError, HTTPException, Exception)
-    app = Starlette(routes=routes, exception_handlers=dict.fromkeys(kinds, _said))
+    app = Starlette(routes=routes, exception_handlers=dict.fromkeys(kinds, _error_response))
     app.router.redirect_slashes = False
     app.state.limiter, app.state.limits = CapacityLimiter(1), limits
     return app
 
 
-def _said(_: Request, error: Exception) -> Response:
+def _error_response(_: Request, error: Exception) -> Response:
     match error:
         case HTTPException():
             return JSONResponse({"said": error.detail}, error.status_code, headers=error.headers)
@@ -103,8 +103,8 @@ def _said(_: Request, error: Exception) -> Response:
             return JSONResponse({"said": str(error)}, 409)
     last = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{type(error).__name__} at {os.path.basename(last.filename)}:{last.lineno}"
-    said = f"{where}: {str(error)[:300]}: this is an error in mocap, not in your data"
-    return JSONResponse({"said": said}, 500)
+    message = f"{where}: {str(error)[:300]}: this is an error in mocap, not in your data"
+    return JSONResponse({"said": message}, 500)
 
 
 def _line(error: ValidationError) -> str:

@@ -156,7 +156,7 @@ def test_joint_angles_are_mixed_in_where_bones_hang_on_a_trunk(flights, filled):
     trunk = replace(shown, xyz_m=shown.xyz_m[:, :4], sd_m=shown.sd_m[:, :4])
     alone = track_with(learned, TRUNK, trunk, positions(trunk)).markers
     assert np.isfinite(alone.xyz_m).all()
-    with pytest.raises(MocapError, match="rigid bones that hang on the trunk"):
+    with pytest.raises(MocapError, match="rigid bones attached to the trunk"):
         learn_model(NAMES, TRUNK, trials, rng, models=WITH_JOINTS, effort=Effort(times=1))
 
 

@@ -150,7 +150,7 @@ def test_a_pipe_is_not_waited_for(pipe, name):
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
 def test_pipes_among_files_are_none_of_them(pipe, tmp_path):
     """Pictures of a film, recordings of a folder, a manifest."""
-    with pytest.raises(FormatError, match="contains no pictures"):
+    with pytest.raises(FormatError, match="contains no images"):
         open_movie(pipe("cam1/1.png").parent)
     pipe("lab/a_xypts.csv")
     with pytest.raises(MocapError, match="no trial was found"):

@@ -158,7 +158,7 @@ def test_implausible_calibrations_are_refused():
     ):
         calibrate_boards(seen(rng, (camera,), flat), BOARD, choices=("brown2",))
     few = {k: flat[k] for k in list(flat)[:3]}
-    with pytest.raises(CalibrationError, match="found in 3 pictures, and 5 are needed"):
+    with pytest.raises(CalibrationError, match="found in 3 images, and 5 are needed"):
         calibrate_boards(seen(rng, (camera,), few), BOARD)
     _, views = session(7, rig(8)[:2])
     with pytest.raises(CalibrationError, match="no camera sees the board in the world frame 'x'"):
@@ -204,7 +204,7 @@ def test_folders_of_pictures(tmp_path):
             (clocks / camera / "images" / f"{camera}-{clock + k}-{k}.png").touch()
     assert {c: list(v) for c, v in pictures_of(clocks).items()} == {"a": ["0", "1", "2"], "b": ["0", "1", "2"]}
     (tmp_path / "nothing").mkdir()
-    with pytest.raises(CalibrationError, match="no pictures here"):
+    with pytest.raises(CalibrationError, match="no images here"):
         pictures_of(tmp_path / "nothing")
     (tmp_path / "odd").mkdir()
     (tmp_path / "odd" / "picture.png").touch()

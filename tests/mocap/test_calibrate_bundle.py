@@ -54,7 +54,7 @@ def test_the_jacobian_is_that_of_the_residuals(lens, focal):
     rotation, position = np.stack([b[:3, :3] for b in boards]), np.stack([b[:3, 3] for b in boards])
     scene = Scene(cameras=cameras, rotation=rotation, position_m=position)
     lengths = Lengths(first=np.array([0, 2]), second=np.array([1, 1]), length_m=np.full(2, 0.3), sd_m=np.full(2, 0.01))
-    free = Free(focal=focal, coefficients=((True,) * lens.n_coefficients,) * 3, orientation=True, held=1)
+    free = Free(focal=focal, coefficients=((True,) * lens.n_coefficients,) * 3, orientation=True, fixed=1)
     problem = _Problem(scene, seen, free, lengths)
     jacobian = problem.jacobian(scene, 0.5).toarray()
     for j in range(jacobian.shape[1]):
@@ -115,7 +115,7 @@ def test_bundle_finds_the_truth():
     pairs = np.arange(39)
     apart = np.linalg.norm(np.diff(scene.position_m, axis=0), axis=-1)
     lengths = Lengths(first=pairs, second=pairs + 1, length_m=apart, sd_m=np.full(39, 1e-4))
-    found = adjust(start, seen, free=Free(focal="none", centre=False, held=0), lengths=lengths, robust=None)
+    found = adjust(start, seen, free=Free(focal="none", centre=False, fixed=0), lengths=lengths, robust=None)
     T = similarity(found.scene.position_m, scene.position_m, scaled=False)
     back = found.scene.position_m @ T[:3, :3].T + T[:3, 3]
     np.testing.assert_allclose(back, scene.position_m, rtol=0, atol=1e-8)

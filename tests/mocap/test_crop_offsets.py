@@ -124,7 +124,7 @@ def test_each_way_of_writing_offsets_is_read(tmp_path):
     """DeepLabCut's config.yaml and meta file hold a constant corner, tables one a frame or one a camera."""
     config = tmp_path / "config.yaml"
     config.write_text(
-        "Task: bats\nvideo_sets:\n  C:\\films\\cam1.avi:\n    crop: 0, 640, 0, 480\n  /films/cam2.avi:\n"
+        "Task: bats\nvideo_sets:\n  C:\\videos\\cam1.avi:\n    crop: 0, 640, 0, 480\n  /videos/cam2.avi:\n"
         "    crop: 100, 551, 20, 521\nbodyparts:\n- a\n"
     )
     assert {k: v.tolist() for k, v in read_crops(config).items()} == {"cam1": [[0, 0]], "cam2": [[100, 20]]}

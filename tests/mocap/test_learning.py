@@ -150,7 +150,7 @@ def test_joints_are_one_more_model_where_there_are_bones(mocap, tmp_path):
     path = tmp_path / "m.npz"
     code, _, err = mocap("learn", tracks, "--fps", FPS, "--joints", "--out", path)
     assert code == 1
-    assert "rigid bones that hang on the trunk" in err
+    assert "rigid bones attached to the trunk" in err
     assert not path.exists()
     code, stdout, err = mocap(
         "learn", tracks, "--fps", FPS, "--joints", "--skeleton", tmp_path / "arm.toml", "--out", path

@@ -147,5 +147,5 @@ def test_a_recording_is_better_for_its_likelihoods(clicked, tmp_path):
     known = np.isfinite(sd)
     inside = np.abs(told["a"].xyz_m - truth)[known] <= 1.959964 * sd[known]
     assert 0.92 < inside.mean() < 0.98
-    assert any("likelihoods weigh the clicks" in said.text for said in told["a"].findings)
+    assert any("points are weighted by likelihood" in said.text for said in told["a"].findings)
     assert any("likelihoods were not used" in said.text for said in told["b"].findings)

@@ -70,7 +70,7 @@ def test_files_speak_of_pixels(film, tracked, tmp_path):
     )
     assert report["plane"] == {"unit": "px", "mm_per_px": None}
     assert report["validation"]["methods"]["constant_velocity"]["rmse_px"] > 0
-    assert "pixels of its picture" in text
+    assert "pixels of its image" in text
     for word in (" mm", " m/s", "3D", "joints.csv"):
         assert word not in text.split("## Command")[0]
     assert tracked.markers.sizes["space"] == 2

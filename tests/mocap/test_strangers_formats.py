@@ -130,7 +130,7 @@ def test_coco_as_sleap_io_writes_it(tmp_path):
     try:
         sleap_io.save_coco(labels, str(tmp_path / "a.json"))
     except Exception as error:  # it may want the images of the film
-        pytest.skip(f"sleap-io cannot write it without the film: {error}")
+        pytest.skip(f"sleap-io cannot write it without the video: {error}")
     got = read(tmp_path / "a.json")
     np.testing.assert_allclose(got.pixels.uv_px[0], UV, atol=1e-6)
 

@@ -108,7 +108,7 @@ def test_labels_of_several_films_are_counted(tmp_path):
     _labels(["a/img1.png", "a/img2.png", "b/img1.png"]).to_csv(tmp_path / "a.csv")
     found = read(tmp_path / "a.csv")
     np.testing.assert_array_equal(found.frames, [0, 1, 2])
-    assert "images of 2 films" in " ".join(found.findings)
+    assert "images of 2 videos" in " ".join(found.findings)
 
 
 @pytest.mark.parametrize("image", ["{}.jpg", "film_{:06d}.png", "{}"])

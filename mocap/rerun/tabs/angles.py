@@ -59,15 +59,15 @@ def tab(layout: Layout) -> rrb.Container | None:
 
 def chosen(found: Sequence[Quantity], joints: Sequence[str], strokes: Sequence[str]) -> dict[str, list[Quantity]]:
     """Flexions (or stated angles) of the joints by side with the strokes, and the body; only what has values."""
-    known = {q.name: q for q in found if np.isfinite(q.value).any()}
+    finite = {q.name: q for q in found if np.isfinite(q.value).any()}
     out: dict[str, list[Quantity]] = {}
     for side, names in by_side(joints).items():
         wanted = [f"{name}_{what}_deg" for name in names for what in ("flexion", "abduction", "rotation")]
         wanted += [f"{name}_stroke_deg" for name in strokes if side_of(name) == side]
-        quantities = [known[name] for name in wanted if name in known]
+        quantities = [finite[name] for name in wanted if name in finite]
         if quantities:
             out[side] = quantities
-    body = [known[name] for name in BODY if name in known]
+    body = [finite[name] for name in BODY if name in finite]
     return out | ({"body": body} if body else {})
 
 

@@ -71,7 +71,7 @@ def tab(layout: Layout) -> rrb.Container:
         series_view(paths.ROWS, "Measured coordinates used in each frame", legend=False),
         gap_lanes_view(),
     ]
-    return rows(views, columns=2, name="Filter health")
+    return rows(views, columns=2, name="Filter diagnostics")
 
 
 def nis_band(n_rows: NDArray[np.int64]) -> Array:

@@ -40,9 +40,9 @@ def tab(layout: Layout) -> rrb.Container | None:
 def valley_view(layout: Layout) -> rrb.View:
     """V_z and its bound, as far as that is near."""
     _, value, bound = layout.run.data["energies"].values.T
-    near = bound < 3.0 * max(1.0, *value[np.isfinite(value)])  # the rest is out of the picture
+    near = bound < 3.0 * max(1.0, *value[np.isfinite(value)])  # the rest is out of the image
     what = ", and what it would stay below if the animal were let go at this instant (Theorem 3, grey)"
     if not near.any():
-        known = bound[np.isfinite(bound)]
-        what = f"; Theorem 3's bound of a release is {known.min():.3g} or more" if len(known) else ""
+        finite = bound[np.isfinite(bound)]
+        what = f"; Theorem 3's bound of a release is {finite.min():.3g} or more" if len(finite) else ""
     return series_view(paths.VALLEY, f"V_z{what}", y_range=robust_range(np.concatenate([[0.0], value, bound[near]])))

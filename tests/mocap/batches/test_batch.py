@@ -20,10 +20,10 @@ from distributed import Client, LocalCluster, Scheduler, Status
 import mocap as library
 from mocap.batches import engine
 from mocap.batches.find import find_trials
-from mocap.batches.known import NoWorkers, Options, known
 from mocap.batches.one import track_trial
 from mocap.batches.run import shard_of
 from mocap.batches.summary import write_summary
+from mocap.batches.trial_record import NoWorkers, Options, earlier_record
 from mocap.cli.view import with_recording
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io import output
@@ -129,18 +129,18 @@ def test_what_is_done_is_not_done_again(lab, undisturbed, scheduler, tmp_path, m
     with monkeypatch.context() as patch:
         patch.setattr(engine, "client", None)  # no cluster is asked for
         library.batch(lab, out, progress=told.append, **QUICK)
-    assert (told[-1].known, told[-1].total) == (6, 6)
+    assert (told[-1].before, told[-1].total) == (6, 6)
     assert contents(out) == before
     copy = tmp_path / "lab"
     for path in lab.rglob("*.csv"):
         (copy / path.relative_to(lab)).parent.mkdir(parents=True, exist_ok=True)
         (copy / path.relative_to(lab)).write_bytes(path.read_bytes())
     library.batch(copy, out, progress=told.append, scheduler=scheduler, **QUICK)
-    assert told[-1].known == 6  # the same content elsewhere
+    assert told[-1].before == 6  # the same content elsewhere
     write_trial(copy / "animal0/t2_xyzpts.csv", 7)
     (out / "animal1/t1/markers.csv").unlink()
     library.batch(copy, out, progress=told.append, scheduler=scheduler, **QUICK)
-    assert told[-1].known == 4
+    assert told[-1].before == 4
     assert {name.split("/")[1] for name, digest in contents(out).items() if before.get(name) != digest} == {"t2"}
     library.batch(lab, out, scheduler=scheduler, **QUICK)
     assert contents(out) == before
@@ -437,7 +437,7 @@ def test_long_trials_are_tracked_in_blocks(tmp_path, monkeypatch):
     monkeypatch.setattr("mocap.batches.one.LONG", 20)
     monkeypatch.setattr("mocap.pipeline.blocks.BLOCK", 10)
     write_trial(tmp_path / "lab" / "bat07" / "t_xyzpts.csv", 1)
-    trial = find_trials([tmp_path / "lab"], stated={"fps": FPS})[0]
+    trial = find_trials([tmp_path / "lab"], arguments={"fps": FPS})[0]
     options = Options(model="constant_velocity", validate=False)
     record = track_trial(trial, options, tmp_path / "out")
     folder = tmp_path / "out" / trial.name
@@ -448,4 +448,4 @@ def test_long_trials_are_tracked_in_blocks(tmp_path, monkeypatch):
     assert {"markers.parquet", "cycles.csv", "angles.csv", "blocks.csv"} <= {path.name for path in folder.iterdir()}
     write_summary([record], tmp_path / "out")
     assert (tmp_path / "out" / "cycles.csv").read_text().startswith("trial,animal")
-    assert known(trial, options, tmp_path / "out") == record
+    assert earlier_record(trial, options, tmp_path / "out") == record

@@ -52,13 +52,13 @@ def test_a_lab_of_folders(twin, tmp_path):
     (lab / "bat3" / "t6.c3d").write_bytes(b"cut")
     found = {trial.name: trial for trial in find_trials([lab])}
     assert list(found) == ["bat1/t1", "bat1/t2", "bat2/day1/t3", "bat3/notes", "bat3/t4", "bat3/t5", "bat3/t6"]
-    names = {name: {k: v.name for k, v in trial.stated.items()} for name, trial in found.items()}
+    names = {name: {k: v.name for k, v in trial.arguments.items()} for name, trial in found.items()}
     assert names["bat1/t1"] == {
         "calibration": "t1_dltCoefs.csv", "profile": "t1_camera_profile.txt", "skeleton": "t1_skeleton.toml"
     }  # fmt: skip
     assert found["bat1/t1"].paths[0].name == "t1_xypts.csv"
     assert names["bat1/t2"]["calibration"] == "t2_dltCoefs.csv"
-    assert found["bat2/day1/t3"].stated["calibration"] == lab / "bat2" / "calibration" / "rig_calibration.toml"
+    assert found["bat2/day1/t3"].arguments["calibration"] == lab / "bat2" / "calibration" / "rig_calibration.toml"
     assert "without a calibration" in found["bat3/t5"].skip
     assert "up to lab" in found["bat3/t5"].skip
     assert "columns" in found["bat3/notes"].skip
@@ -109,9 +109,9 @@ def test_one_of_two_calibrations_is_not_guessed(twin, tmp_path):
     (trial,) = find_trials([tmp_path])
     assert "monday_dltCoefs.csv, tuesday_dltCoefs.csv" in trial.skip
     stated = {"calibration": tmp_path / "monday_dltCoefs.csv"}
-    (trial,) = find_trials([tmp_path], stated=stated)
+    (trial,) = find_trials([tmp_path], arguments=stated)
     assert not trial.skip
-    assert trial.stated == stated
+    assert trial.arguments == stated
 
 
 @pytest.mark.parametrize("layout", ["{trial}/{camera}", "{trial}_{camera}", "{camera}/{trial}"])
@@ -127,7 +127,7 @@ def test_views_of_a_trial_are_put_together(twin, tmp_path, layout):
     for name, trial in found.items():
         assert len(trial.paths) == 3
         assert all(name in path.as_posix().removeprefix(tmp_path.as_posix()) for path in trial.paths)
-        assert trial.stated["calibration"].name == "calibration.toml"
+        assert trial.arguments["calibration"].name == "calibration.toml"
 
 
 def test_a_manifest_is_what_it_was_written_from(twin, tmp_path):
@@ -135,14 +135,14 @@ def test_a_manifest_is_what_it_was_written_from(twin, tmp_path):
     put(twin, tmp_path / "lab" / "bat1", "t1", "pixels", "coefficients", "skeleton")
     put(twin, tmp_path / "lab" / "bat 2", "t;2", "c3d")
     (tmp_path / "lab" / "bat 2" / "t;2_xyzpts.c3d").rename(tmp_path / "lab" / "bat 2" / "t2.c3d")
-    trials = find_trials([tmp_path / "lab"], stated={"fps": 240.0, "unit": "mm", "origin": "upper-left"})
+    trials = find_trials([tmp_path / "lab"], arguments={"fps": 240.0, "unit": "mm", "origin": "upper-left"})
     (tmp_path / "lists").mkdir()
     write_manifest(tmp_path / "lists" / "m.csv", trials, folder=tmp_path / "lists")
     again = read_manifest(tmp_path / "lists" / "m.csv")
     assert [t.name for t in again] == ["bat 2/t2", "bat1/t1"]
 
     def plain(trial):
-        stated = {k: v.resolve() if isinstance(v, Path) else v for k, v in trial.stated.items()}
+        stated = {k: v.resolve() if isinstance(v, Path) else v for k, v in trial.arguments.items()}
         return trial.name, [p.resolve() for p in trial.paths], stated, trial.animal, trial.skip
 
     assert list(map(plain, again)) == list(map(plain, trials))
@@ -154,8 +154,8 @@ def test_a_manifest_of_a_spreadsheet(tmp_path):
     (tmp_path / "m.csv").write_text(
         "trial;path;fps;animal;skip\none;a_xyzpts.csv;;bat7;\ntwo;a_xyzpts.csv;500;;blurred\n"
     )
-    one, two = find_trials([tmp_path / "m.csv"], stated={"fps": 100.0})
-    assert (one.stated["fps"], one.animal, two.stated["fps"], two.skip) == (100.0, "bat7", 500.0, "blurred")
+    one, two = find_trials([tmp_path / "m.csv"], arguments={"fps": 100.0})
+    assert (one.arguments["fps"], one.animal, two.arguments["fps"], two.skip) == (100.0, "bat7", 500.0, "blurred")
 
 
 def test_a_manifest_in_the_letters_of_windows(tmp_path):
@@ -269,5 +269,5 @@ def test_real_folders():
     assert not any(trial.skip for trial in found.values())
     markerless = found["078A3/F5_markerless"]
     assert len(markerless.paths) == 4
-    assert markerless.stated["calibration"].name == "extrinsicCalib_20230228_easyWandData.mat"
-    assert found["FE404_F2"].stated["profile"].name == "FE404_F2_camera_profile.txt"
+    assert markerless.arguments["calibration"].name == "extrinsicCalib_20230228_easyWandData.mat"
+    assert found["FE404_F2"].arguments["profile"].name == "FE404_F2_camera_profile.txt"

@@ -7,7 +7,7 @@ import numpy as np
 from mocap.digitising.clicks import Click, write_clicks
 from mocap.measures import Measures
 from mocap.skeleton import Joint, write_skeleton
-from tests.mocap.digitising.filmed import NAMES, film
+from tests.mocap.digitising.filmed import NAMES, video
 
 GAP = range(20, 32)
 """Frames, from 0, in which the hand was not digitised in two of three cameras."""
@@ -18,10 +18,10 @@ SWAPPED = range(45, 50)
 FPS = 100.0
 
 
-def trial(folder, n_frames=60, *, films=True):
+def trial(folder, n_frames=60, *, videos=True):
     """The scene (``tests.mocap.digitising.filmed``), with ``flight_xypts.csv`` beside its calibration."""
-    scene = film(folder, n_frames if films else 1)
-    if not films:
+    scene = video(folder, n_frames if videos else 1)
+    if not videos:
         scene = whole(scene, n_frames)
     uv = scene.uv_px + 0.3 * np.random.default_rng(1).normal(size=scene.uv_px.shape)
     uv[:2, GAP, NAMES.index("hand")] = np.nan

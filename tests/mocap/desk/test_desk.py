@@ -16,9 +16,9 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 import mocap
-from mocap.batches.known import Options
 from mocap.batches.one import track_trial
 from mocap.batches.trial import Trial, read_manifest, write_manifest
+from mocap.batches.trial_record import Options
 from mocap.desk.desk import opened_desk
 from mocap.desk.page import desk_page
 from mocap.errors import MocapError
@@ -47,7 +47,7 @@ def desk_of(scene, out):
     where = scene.folder
     stated = {"calibration": where / "calibration.toml", "skeleton": where / "skeleton.toml", "fps": FPS}
     sources = [str(where / "flight_xypts.csv")]
-    with opened_desk(sources, out, options=OPTIONS, jobs=1, stated=stated) as desk:
+    with opened_desk(sources, out, options=OPTIONS, jobs=1, arguments=stated) as desk:
         yield desk
 
 
@@ -248,10 +248,10 @@ def test_names_that_corrections_have_are_kept(worked):
     browser.get("open?trial=flight")
     browser.post("delete", json={"marker": HAND, "first": 3, "last": 5})
     browser.get("draft?trial=flight")
-    before = desk.trials["flight"].stated["skeleton"]
+    before = desk.trials["flight"].arguments["skeleton"]
     answer = browser.post("skeleton", json=DRAWN | {"names": [*NAMES[:HAND], "wrist", *NAMES[HAND + 1 :]]})
     assert "corrections of hand" in answer.json()["said"]
-    assert desk.trials["flight"].stated["skeleton"] == before
+    assert desk.trials["flight"].arguments["skeleton"] == before
     assert not (desk.out / "skeletons" / "flight.toml").exists()
     browser.post("undo", json={})
 
@@ -282,8 +282,8 @@ def test_what_is_found_can_be_mended_and_is_kept(worked):
     assert "--correct-lag" in desk.overview()["trials"][0]["command"]
     assert "track it first" in browser.post("pass", json={"trial": "flight", "kind": "xlsx"}).json()["said"]
     trials = read_manifest(desk.manifest)
-    assert trials[0].stated["correct_lag"] is True
-    desk.trials["flight"].stated.pop("correct_lag")
+    assert trials[0].arguments["correct_lag"] is True
+    desk.trials["flight"].arguments.pop("correct_lag")
 
 
 def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path, driver):
@@ -296,7 +296,7 @@ def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path, drive
         header = ",".join(f"{marker}_cam1_{axis}" for marker in NAMES for axis in "XY")
         np.savetxt(tmp_path / f"{name}_xypts.csv", table, "%.6f", ",", header=header, comments="")
     stated = {"calibration": scene.folder / "calibration.toml", "fps": FPS}
-    wrong = Trial(name="flight", paths=tuple(tmp_path / f"{name}_xypts.csv" for name in "bac"), stated=stated)
+    wrong = Trial(name="flight", paths=tuple(tmp_path / f"{name}_xypts.csv" for name in "bac"), arguments=stated)
     with result_file(tmp_path / "manifest.csv") as path:
         write_manifest(path, [wrong], folder=tmp_path)
     with (
@@ -340,10 +340,10 @@ def test_a_person_draws_a_skeleton(scene, tmp_path, driver):
     out, where = tmp_path / "out", [str(scene.folder / "flight_xypts.csv")]
     path = out / "skeletons" / "flight.toml"
     with (
-        opened_desk(where, out, options=OPTIONS, jobs=1, stated=stated) as desk,
+        opened_desk(where, out, options=OPTIONS, jobs=1, arguments=stated) as desk,
         served(desk_page(desk)) as site,
     ):
-        desk.trials["flight"].stated.pop("skeleton", None)
+        desk.trials["flight"].arguments.pop("skeleton", None)
         driver.get(site.address)
         until(driver, "document.body.dataset.ready === '1'")
         driver.find_element("class name", "bones").click()
@@ -382,7 +382,7 @@ def test_a_person_draws_a_skeleton(scene, tmp_path, driver):
         assert f"--skeleton {path}" in desk.overview()["trials"][0]["command"]
         assert path.is_file()
         (kept,) = read_manifest(desk.manifest)
-        assert kept.stated["skeleton"].resolve() == path
+        assert kept.arguments["skeleton"].resolve() == path
     found = read_skeleton(path)
     assert found.markers == ("nose", "back", "hip", "left", "right", "hand_l", "hand_r")
     assert found.aliases == {"hand": "hand_l", "tail": "hand_r"}
@@ -422,7 +422,7 @@ def test_a_person_sees_angles_and_goes_to_a_frame(worked, driver):
 def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):
     """A measure that is unticked is not in the file; points lie where a camera shows them, and a click takes one."""
     desk, browser = worked
-    before = desk.trials["flight"].stated["skeleton"]
+    before = desk.trials["flight"].arguments["skeleton"]
     driver.get(str(browser.base_url))
     until(driver, "document.body.dataset.ready === '1'")
     driver.find_element("class name", "bones").click()
@@ -445,7 +445,7 @@ def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):
     until(driver, "document.body.dataset.drawn === '1'")
     kept = read_skeleton(desk.out / "skeletons" / "flight.toml").measures
     desk.state("flight", "skip", "")
-    desk.trials["flight"].stated["skeleton"] = before
+    desk.trials["flight"].arguments["skeleton"] = before
     (desk.out / "skeletons" / "flight.toml").unlink()
     assert not kept.strokes
     assert kept.distances == {"span": ("right", "hand")}
@@ -458,7 +458,7 @@ def test_tracking_stops_and_goes_on(scene, tmp_path):
         shutil.copy(where / "flight_xypts.csv", tmp_path / f"{name}_xypts.csv")
     stated = {"calibration": where / "calibration.toml", "skeleton": where / "skeleton.toml", "fps": FPS}
     sources = [str(tmp_path / f"{name}_xypts.csv") for name in "ab"]
-    with opened_desk(sources, tmp_path / "out", options=OPTIONS, jobs=1, stated=stated) as desk:
+    with opened_desk(sources, tmp_path / "out", options=OPTIONS, jobs=1, arguments=stated) as desk:
         assert desk.stop() == "nothing is being tracked"
         desk.track()
         while desk.progress().get("done") != 1:
@@ -477,14 +477,14 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
     desk, _ = worked
     script = f"""
         from pathlib import Path
-        from mocap.batches.known import Options
+        from mocap.batches.trial_record import Options
         from mocap.desk.desk import opened_desk
         from mocap.desk.page import desk_page
         from mocap.web import served
         options = Options(model="constant_velocity", validate=False)
         stated = {{"calibration": Path({str(scene.folder / "calibration.toml")!r}), "fps": {FPS}}}
         out = Path({str(tmp_path / "out")!r})
-        with opened_desk([{str(scene.folder / "flight_xypts.csv")!r}], out, options=options, stated=stated) as desk:
+        with opened_desk([{str(scene.folder / "flight_xypts.csv")!r}], out, options=options, arguments=stated) as desk:
             with served(desk_page(desk)) as site:
                 print(site.address, flush=True)
                 site.wait()

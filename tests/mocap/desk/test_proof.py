@@ -69,7 +69,7 @@ def test_a_wrong_place_is_told(tmp_path):
     """A place that the other cameras contradict is kept: they are not believed, and the answer says what is missed."""
     proof, seen_px, _ = proof_of(tmp_path)
     proof.edit(what="place", frame=10, marker="a", camera="cam1", uv_px=tuple(seen_px[0, 9, 0] + 30))
-    missed = re.search(r"misses the place in cam1 by (\d+) px", proof.settle())
+    missed = re.search(r"reprojection error in cam1: (\d+) px", proof.settle())
     assert missed is not None
     assert int(missed[1]) < 42 / 2  # 30 px in both coordinates: 42; of one ray and the motion the ray weighs more
     assert len(read_edits(proof.log)) == 1

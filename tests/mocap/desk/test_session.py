@@ -12,7 +12,7 @@ from selenium.webdriver.common.keys import Keys
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
-from mocap.batches.known import Options
+from mocap.batches.trial_record import Options
 from mocap.desk.desk import Desk
 from mocap.desk.page import desk_page
 from mocap.desk.session import SAVED, open_session
@@ -20,12 +20,12 @@ from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
 from mocap.web import page, served
 from tests.mocap.desk.conftest import client, requests_of, until
-from tests.mocap.digitising.filmed import NAMES, SIZE, film
+from tests.mocap.digitising.filmed import NAMES, SIZE, video
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return film(tmp_path_factory.mktemp("page"), 12)
+    return video(tmp_path_factory.mktemp("page"), 12)
 
 
 # where each press of the mouse arrived, from the middle of its canvas, in pixels of the screen

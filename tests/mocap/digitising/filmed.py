@@ -78,7 +78,7 @@ def markers(n_frames):
     return at
 
 
-def film(folder, n_frames=40, *, hide=(), noise=2.0, bare=(), faint=()):
+def video(folder, n_frames=40, *, hide=(), noise=2.0, bare=(), faint=()):
     """Write films as folders of pictures, calibration and skeleton; ``hide`` lists (camera, frames, marker).
 
     Markers of ``bare`` have no dot but a texture. ``faint`` lists (frames, marker, shift_m): where the marker is moved

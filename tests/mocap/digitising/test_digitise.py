@@ -15,7 +15,7 @@ from mocap.digitising.clicks import Click, read_clicks, write_clicks
 from mocap.digitising.digitised import digitise
 from mocap.digitising.engine import unpacked
 from mocap.errors import CalibrationError, MocapError
-from tests.mocap.digitising.filmed import NAMES, film
+from tests.mocap.digitising.filmed import NAMES, video
 
 HIDDEN = [(c, slice(15, 27), 5) for c in range(3)] + [(1, slice(5, 30), 0)]
 
@@ -23,7 +23,7 @@ HIDDEN = [(c, slice(15, 27), 5) for c in range(3)] + [(1, slice(5, 30), 0)]
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     """The hand is hidden from all cameras in frames 15 to 26, the nose from one for longer."""
-    return film(tmp_path_factory.mktemp("scene"), hide=HIDDEN)
+    return video(tmp_path_factory.mktemp("scene"), hide=HIDDEN)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_names_are_right(result, scene):
 def test_a_faint_spot_is_no_marker(tmp_path):
     """Where the hand is hidden, spots of 0.4 of a dot's contrast 4 mm from it meet in all three films: no name."""
     beside = [(slice(15, 27), NAMES.index("hand"), np.array([0.0, 0.0, 0.004]))]
-    scene = film(tmp_path, hide=HIDDEN, faint=beside)
+    scene = video(tmp_path, hide=HIDDEN, faint=beside)
     result = digitise(scene.folder / "films", start=scene.clicks(), **scene.arguments)
     assert not result.pixels.seen[:, 15:27, NAMES.index("hand")].any()
     # the spots are found: it is their strength that tells
@@ -225,9 +225,9 @@ def test_clicks_in_dltdv_format_come_back(scene, tmp_path):
 
 def test_films_in_a_wrong_order_are_refused(scene):
     """With the order in which the clicks meet."""
-    films = [scene.folder / "films" / name for name in ("cam2", "cam1", "cam3")]
+    videos = [scene.folder / "films" / name for name in ("cam2", "cam1", "cam3")]
     swapped = [replace(c, camera={0: 1, 1: 0}.get(c.camera, c.camera)) for c in scene.clicks(cameras=(0, 1, 2))]
-    for path, name in zip(films, "abc", strict=True):
+    for path, name in zip(videos, "abc", strict=True):
         target = scene.folder / name
         if not target.exists():
             target.symlink_to(path)
@@ -236,12 +236,12 @@ def test_films_in_a_wrong_order_are_refused(scene):
 
 
 def test_films_of_another_size_or_number_are_refused(scene, tmp_path):
-    other = film(tmp_path, 2)
+    other = video(tmp_path, 2)
     for path in (other.folder / "films" / "cam2").iterdir():
         cv2.imwrite(str(path), cv2.imread(str(path))[:200])
     with pytest.raises(MocapError, match="is 320 x 200 px, but camera cam2 was calibrated at 320 x 240: it fits no"):
         digitise(other.folder / "films", start=other.clicks(), **other.arguments)
-    with pytest.raises(MocapError, match=r"2 films .* for 3 cameras"):
+    with pytest.raises(MocapError, match=r"2 videos .* for 3 cameras"):
         digitise([scene.folder / "films" / n for n in ("cam1", "cam2")], start=scene.clicks(), **scene.arguments)
 
 

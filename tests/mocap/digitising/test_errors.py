@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mocap.digitising.errors import RayErrors, ray_errors, stated
+from mocap.digitising.errors import RayErrors, lasting_covariance, ray_errors
 from mocap.digitising.naming import seen_from
 
 EYES = np.array([[2.0, 0.0, 0.3], [-0.3, 2.0, 0.1], [-1.5, -1.5, 0.4], [0.5, 0.4, 2.0]])
@@ -61,7 +61,7 @@ def test_stated_intervals_hold_where_errors_last(filmed):
     means = by_frame.reshape(2, -1, 4, 8).mean(axis=2)
     off = np.einsum("mij,mnj->mni", gain, means)
     naive = 0.3**2 * single / 4
-    honest = stated(errors, jacobian, np.full((4, 2), 0.3), naive, shared=0.0)
+    honest = lasting_covariance(errors, jacobian, np.full((4, 2), 0.3), naive, shared=0.0)
 
     def inside(cov):
         return float((np.abs(off) < 1.96 * np.sqrt(np.einsum("mii->mi", cov))[:, None]).mean())
@@ -75,7 +75,7 @@ def test_without_lasting_errors_the_filter_is_right():
     cov = np.eye(3)[None] * 2e-9
     errors = RayErrors(sd_px=0.3, variance=np.ones(1), lasting=np.zeros(1))
     _, jacobian = seen_from(matrices(), np.zeros((1, 3)))
-    np.testing.assert_allclose(stated(errors, jacobian, np.full((4, 1), 0.3), cov), cov)
+    np.testing.assert_allclose(lasting_covariance(errors, jacobian, np.full((4, 1), 0.3), cov), cov)
 
 
 @pytest.mark.parametrize("copies", [1, 2])
@@ -89,9 +89,9 @@ def test_shared_errors_do_not_fall_with_the_number_of_cameras(copies):
     _, jacobian = seen_from(np.concatenate([matrices()] * copies), np.zeros((1, 3)))
     sd, filtered = np.full((4 * copies, 1), 0.3), np.eye(3)[None] * 1e-6
     far = np.linalg.norm(EYES, axis=1).mean()
-    shared = stated(errors, jacobian, sd, filtered, shared=1.0)[0]
+    shared = lasting_covariance(errors, jacobian, sd, filtered, shared=1.0)[0]
     np.testing.assert_allclose(shared, np.eye(3) * (0.3 * far / 1000) ** 2, rtol=0.2, atol=1e-15)
-    own = stated(errors, jacobian, sd, filtered, shared=0.0)[0]
+    own = lasting_covariance(errors, jacobian, sd, filtered, shared=0.0)[0]
     assert np.trace(own) / np.trace(shared) == pytest.approx(1 / (4 * copies * 2 / 3), rel=0.2)
-    half = stated(errors, jacobian, sd, filtered, shared=0.5)[0]
+    half = lasting_covariance(errors, jacobian, sd, filtered, shared=0.5)[0]
     np.testing.assert_allclose(half, 0.5 * (own + shared))

@@ -9,8 +9,8 @@ from mocap.datasets.rig import tunnel_cameras
 from scipy.spatial.distance import cdist
 
 from mocap.digitising.dots import DotLook, Strength, find_dots, look_of, strength_of
-from mocap.digitising.films import grey_levels
 from mocap.digitising.straight import straightening_of
+from mocap.digitising.videos import grey_levels
 from mocap.io.movies import open_movie, pyav
 from tests.mocap.digitising.filmed import drawn
 

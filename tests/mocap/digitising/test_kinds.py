@@ -10,7 +10,7 @@ from mocap.digitising.clicks import write_clicks
 from mocap.io.format import Hints
 from mocap.io.movies import pyav
 from mocap.io.registry import read
-from tests.mocap.digitising.filmed import NAMES, SIZE, film
+from tests.mocap.digitising.filmed import NAMES, SIZE, video
 
 N_FRAMES = 20
 KINDS = {
@@ -26,7 +26,7 @@ KINDS = {
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kinds")
-    made = film(folder, N_FRAMES)
+    made = video(folder, N_FRAMES)
     names = [camera.name for camera in made.cameras]
     write_clicks(folder / "start.csv", made.clicks(), names=NAMES, cameras=names, n_frames=N_FRAMES, fps=100.0)
     return made

@@ -91,7 +91,7 @@ def test_two_dots_in_one_are_no_place_of_either():
     dots = np.where(np.arange(4)[:, None, None] < 2, uv[:, :1], np.nan)
     cov = np.repeat(1e-4 * np.eye(3)[None], 2, axis=0)
     known = np.array([[0, -1], [0, -1], [-1, -1], [-1, -1]])
-    options = {"sd_px": np.full((4, 1), 0.3), "reach_px": 6.0, "known": known}
+    options = {"sd_px": np.full((4, 1), 0.3), "reach_px": 6.0, "clicked_dots": known}
     sure = name_dots(cameras, dots, places + np.array([[0, 0, 0], [0, 0, 0.2]]), cov, guessed=known >= 0, **options)
     assert not sure.merged.any()
     assert across(cameras[0], sure) == pytest.approx(0.3, rel=0.1)

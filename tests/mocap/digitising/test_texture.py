@@ -9,7 +9,7 @@ import pytest
 
 from mocap.digitising.digitised import digitise
 from mocap.digitising.texture import CLICK_PX, begun, followed
-from tests.mocap.digitising.filmed import NAMES, film, textured
+from tests.mocap.digitising.filmed import NAMES, textured, video
 
 NOSE, TAIL = NAMES.index("nose"), NAMES.index("tail")
 
@@ -66,7 +66,7 @@ def test_two_places_alike_are_not_chosen_from():
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return film(tmp_path_factory.mktemp("scene"), 30, bare=(NOSE,))
+    return video(tmp_path_factory.mktemp("scene"), 30, bare=(NOSE,))
 
 
 @pytest.mark.parametrize("start", [0, 12])
@@ -125,7 +125,7 @@ def test_a_wrong_click_on_a_texture_is_corrected_or_taken_back(scene, first):
 
 def test_a_camera_that_starts_late_is_followed_from_its_first_frame(tmp_path):
     """Its film lacks four frames, as its offset says: dots and texture are in step, from clicks in a later frame."""
-    late = film(tmp_path, 24, bare=(NOSE,))
+    late = video(tmp_path, 24, bare=(NOSE,))
     for frame in range(4):
         (tmp_path / "films" / "cam2" / f"{frame:04d}.png").unlink()
     clicks = late.clicks(8, cameras=(0, 1, 2), sd_px=0.3)

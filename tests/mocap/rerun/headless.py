@@ -36,7 +36,7 @@ class Headless:
         # the viewer would look for a newer version of itself: no way out of this computer
         environment = {**quiet_environment(os.environ), "HTTPS_PROXY": f"http://{HOST}:9"}
         environment |= {"DISPLAY": display, "WAYLAND_DISPLAY": ""} if display else {}
-        self.process = guardian.started(command, environment=environment, said=subprocess.DEVNULL)
+        self.process = guardian.started(command, environment=environment, output=subprocess.DEVNULL)
         self.client = self._connect(f"rerun+http://{HOST}:{port}/proxy")
         self.stream: rr.RecordingStream | None = None
         self.recording_id = ""

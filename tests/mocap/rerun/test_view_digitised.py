@@ -10,12 +10,12 @@ from rerun.chunk import RrdReader
 from mocap.rerun import palette, paths
 from tests.mocap.desk.conftest import requests_of
 from tests.mocap.desk.test_session import client, session_of, shown, until
-from tests.mocap.digitising.filmed import film
+from tests.mocap.digitising.filmed import video
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return film(tmp_path_factory.mktemp("page"), 12)
+    return video(tmp_path_factory.mktemp("page"), 12)
 
 
 @pytest.mark.viewer

@@ -74,12 +74,12 @@ def test_it_ends_with_its_command(viewing, how):
 def test_its_own_end_is_passed_on():
     """The exit code of a command that ends by itself, and the number of the signal that ended it."""
     command = [sys.executable, "-c", "raise SystemExit(3)"]
-    ended = guardian.started(command, environment=os.environ, said=subprocess.DEVNULL)
+    ended = guardian.started(command, environment=os.environ, output=subprocess.DEVNULL)
     assert ended.wait() == 3
     guardian.end(ended)
     if sys.platform != "win32":
         command = [sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"]
-        killed = guardian.started(command, environment=os.environ, said=subprocess.DEVNULL)
+        killed = guardian.started(command, environment=os.environ, output=subprocess.DEVNULL)
         assert killed.wait() == 128 + signal.SIGKILL
         guardian.end(killed)
 
@@ -90,7 +90,7 @@ def test_what_does_not_listen_is_killed():
     reading, writing = os.pipe()
     with open(reading) as said:
         with open(writing, "wb") as end:
-            running = guardian.started([sys.executable, "-c", stubborn], environment=os.environ, said=end)
+            running = guardian.started([sys.executable, "-c", stubborn], environment=os.environ, output=end)
         said.readline()
         guardian.end(running)
     assert running.returncode in (128 + signal.SIGKILL, 1) if sys.platform != "win32" else True

@@ -282,7 +282,7 @@ def test_any_number_of_cameras_and_joints(tmp_path, n_cameras, n_joints):
     write_recording(run, tmp_path / "r.rrd")
     tabs = [part.name for part in make_blueprint(make_layout(run)).root_container.contents]
     middle = ["Cameras"] * (n_cameras > 0) + ["Joints and potentials"] * (n_joints > 0)
-    assert tabs == ["Angles and cycles", "Overview", *middle, "Filter health", "Report"]
+    assert tabs == ["Angles and cycles", "Overview", *middle, "Filter diagnostics", "Report"]
     found = entities(tmp_path / "r.rrd")
     assert {paths.image(c.name) for c in run.cameras} <= found
     assert sum(path.startswith(paths.JOINTS) and path.endswith("/coordinates") for path in found) == n_joints

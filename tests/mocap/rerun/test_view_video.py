@@ -117,8 +117,8 @@ def test_an_av1_film_is_taken_as_it_is(viewer, tmp_path):
     run = make_run(n_frames=N_FRAMES, n_cameras=2, n_joints=0)
     ideal, path = filmed(run, tmp_path, "libsvtav1", bent=False)
     shown = with_footage(run, open_movies([path, path]), offsets=(np.array([[-4]]), "as stated"))
-    assert "20 have no picture" not in shown.report_text
-    assert "4 frames have no picture" in shown.report_text
+    assert "20 have no image" not in shown.report_text
+    assert "4 frames have no image" in shown.report_text
     shown = loaded(viewer, shown, tmp_path)
     entity = f"{paths.image('cam2')}/video"
     blob = column(tmp_path / "recording.rrd", entity, "AssetVideo:blob")[2]
@@ -167,7 +167,7 @@ def test_movies_that_do_not_fit_are_refused(tmp_path):
         with_footage(run, [replace(movie, size_px=(640, 800)), movie], offsets=zero)
     (tmp_path / "b.mp4").write_text("no movie")
     (tmp_path / "empty").mkdir()
-    for path, words in (("b.mp4", "convert it"), ("empty", "contains no pictures"), ("none.mp4", "no such movie")):
+    for path, words in (("b.mp4", "convert it"), ("empty", "contains no images"), ("none.mp4", "no such movie")):
         with pytest.raises(MocapError, match=words):
             open_movie(tmp_path / path)
 

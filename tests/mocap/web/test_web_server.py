@@ -20,7 +20,7 @@ from starlette.routing import Route
 
 from mocap.errors import MocapError
 from mocap.web import Query, page, served, server, task
-from tests.mocap.digitising.filmed import film
+from tests.mocap.digitising.filmed import video
 
 LARGE = 64_000_000
 """More than the system keeps of an answer that is not read."""
@@ -213,7 +213,7 @@ def test_work_that_goes_on_does_not_hold_up_the_end():
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory):
-    return film(tmp_path_factory.mktemp("page"), 3).folder
+    return video(tmp_path_factory.mktemp("page"), 3).folder
 
 
 COMMAND = """

@@ -1,4 +1,4 @@
-"""Films of all cameras, decoded once, in step and in bounded memory; refused where they do not fit the calibration."""
+"""Videos of all cameras, decoded once, in step and in bounded memory; refused where they do not fit the calibration."""
 
 from collections import deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -21,18 +21,18 @@ from mocap.io.crop import matched
 from mocap.io.movies import PICTURES, Movie, by_number, open_movie
 
 AHEAD = 4
-"""So many frames of each film are decoded before they are asked for."""
+"""So many frames of each video are decoded before they are asked for."""
 _MISFIT = 4.0  # deviations; chosen, not measured
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Films:
-    """Films of C cameras, in the order of the cameras.
+class Videos:
+    """Videos of C cameras, in the order of the cameras.
 
     Attributes:
         movies: One a camera.
-        offset_frames: (C,) frame of the film minus frame of the tracks.
-        n_frames: Frames that at least two films show, or the only one.
+        offset_frames: (C,) frame of the video minus frame of the tracks.
+        n_frames: Frames that at least two videos show, or the only one.
     """
 
     movies: tuple[Movie, ...]
@@ -40,30 +40,30 @@ class Films:
     n_frames: int
 
     def pictures(self, frames: NDArray[np.int64] | None = None) -> "Iterator[list[Grey | None]]":
-        """The pictures of all cameras, frame after frame; each film is decoded by a thread of its own.
+        """The images of all cameras, frame after frame; each video is decoded by a thread of its own.
 
         Args:
             frames: Frames to show, increasing; None: all.
 
         Yields:
-            One picture a camera, (h, w) grey levels of 8 or 16 bits; None where a film does not show the frame.
+            One image a camera, (h, w) grey levels of 8 or 16 bits; None where a video does not show the frame.
         """
         wanted = np.arange(self.n_frames) if frames is None else np.asarray(frames)
-        films = [_ahead(movie, wanted + o) for movie, o in zip(self.movies, self.offset_frames, strict=True)]
+        videos = [_ahead(movie, wanted + o) for movie, o in zip(self.movies, self.offset_frames, strict=True)]
         try:
-            yield from map(list, zip(*films, strict=True))
+            yield from map(list, zip(*videos, strict=True))
         finally:
-            for film in films:
-                film.close()
+            for video in videos:
+                video.close()
 
     def picture(self, camera: int, frame: int) -> Grey | None:
-        """One picture of one camera."""
+        """One image of one camera."""
         found = next(self.movies[camera].frames(np.array([frame + self.offset_frames[camera]])))
         return None if found is None else grey_levels(found)
 
 
 def _ahead(movie: Movie, wanted: NDArray[np.int64]) -> "Generator[Grey | None]":
-    """The pictures of a film, decoded by a thread that is ``AHEAD`` frames before what is asked for."""
+    """The images of a video, decoded by a thread that is ``AHEAD`` frames before what is asked for."""
     source = movie.frames(wanted, threads=False)
 
     def decoded() -> "Grey | None":
@@ -83,7 +83,7 @@ def _ahead(movie: Movie, wanted: NDArray[np.int64]) -> "Generator[Grey | None]":
 
 
 def grey_levels(frame: Any) -> Grey:
-    """(h, w) grey levels of a decoded frame: 8 bits, or 16 where the film has more than 8."""
+    """(h, w) grey levels of a decoded frame: 8 bits, or 16 where the video has more than 8."""
     kind = frame.format.name
     deep = frame.format.components[0].bits > 8
     if not deep and (kind.startswith(("yuv", "gray", "nv")) and "p" in kind + "p"):
@@ -97,24 +97,24 @@ def grey_levels(frame: Any) -> Grey:
     return np.asarray(frame.to_ndarray(format="gray16le" if deep else "gray"))
 
 
-def open_films(
+def open_videos(
     given: Sequence[Path], cameras: Sequence[Camera], *, offset_frames: Sequence[int] | None = None
-) -> Films:
-    """Open the films of a rig and check that they fit its calibration.
+) -> Videos:
+    """Open the videos of a rig and check that they fit its calibration.
 
     Args:
-        given: A film or a folder of pictures a camera, in the order of the cameras; or one folder that holds just
+        given: A video or a folder of images a camera, in the order of the cameras; or one folder that holds just
             these. Files named as the cameras are put into their order.
         cameras: The C cameras.
-        offset_frames: Frame of the film minus frame of the tracks, one for each camera; None: all 0.
+        offset_frames: Frame of the video minus frame of the tracks, one for each camera; None: all 0.
 
     Raises:
-        MocapError: not one film a camera, or films of other sizes, with what fits.
+        MocapError: not one video a camera, or videos of other sizes, with what fits.
     """
     paths = _listed(given)
     if len(paths) != len(cameras):
         raise MocapError(
-            f"`films`: {len(paths)} films ({', '.join(p.name for p in paths)}) for {len(cameras)} cameras "
+            f"`videos`: {len(paths)} videos ({', '.join(p.name for p in paths)}) for {len(cameras)} cameras "
             f"({', '.join(c.name for c in cameras)}): give one for each camera, in the order of the cameras"
         )
     by_name = {path.stem: path for path in paths}
@@ -124,19 +124,19 @@ def open_films(
     for camera, movie in zip(cameras, movies, strict=True):
         if camera.size_px is not None and tuple(camera.size_px) != movie.size_px:
             fits = [c.name for c in cameras if c.size_px is not None and tuple(c.size_px) == movie.size_px]
-            said = f"it fits {', '.join(fits)}" if fits else "it fits no camera of this calibration"
+            fit = f"it fits {', '.join(fits)}" if fits else "it fits no camera of this calibration"
             raise MocapError(
-                f"`films`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]} px, but camera {camera.name} "
-                f"was calibrated at {camera.size_px[0]} x {camera.size_px[1]}: {said}; give the films in the order of "
+                f"`videos`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]} px, but camera {camera.name} "
+                f"was calibrated at {camera.size_px[0]} x {camera.size_px[1]}: {fit}; give the videos in the order of "
                 "the cameras; where they are cropped give `crop`, or calibrate the cropped window"
             )
     offsets = tuple(offset_frames) if offset_frames else (0,) * len(movies)
     if len(offsets) == 1:
         offsets = offsets * len(movies)
     if len(offsets) != len(movies):
-        raise MocapError(f"`offset_frames`: {len(offsets)} offsets for {len(movies)} films: give one for each")
+        raise MocapError(f"`offset_frames`: {len(offsets)} offsets for {len(movies)} videos: give one for each")
     ends = sorted((m.n_frames - o for m, o in zip(movies, offsets, strict=True)), reverse=True)
-    return Films(movies=movies, offset_frames=offsets, n_frames=max(ends[:2][-1], 0))
+    return Videos(movies=movies, offset_frames=offsets, n_frames=max(ends[:2][-1], 0))
 
 
 def open_windows(
@@ -145,20 +145,20 @@ def open_windows(
     crops: Mapping[str, Array],
     *,
     offset_frames: Sequence[int] | None = None,
-) -> tuple[Films, tuple[Camera, ...]]:
-    """Open films that are windows of the calibrated pictures.
+) -> tuple[Videos, tuple[Camera, ...]]:
+    """Open videos that are windows of the calibrated pictures.
 
     Args:
-        given: As of ``open_films``.
+        given: As of ``open_videos``.
         cameras: The C cameras, of the whole pictures.
-        crops: (1, 2) or (frames, 2) places of the windows' upper left corners, by the name of the camera or film.
-        offset_frames: As of ``open_films``.
+        crops: (1, 2) or (frames, 2) places of the windows' upper left corners, by the name of the camera or video.
+        offset_frames: As of ``open_videos``.
 
     Returns:
-        The films, and the cameras of the windows.
+        The videos, and the cameras of the windows.
 
     Raises:
-        MocapError: a film has no offsets, its window moves or is not inside the picture, or as ``open_films``.
+        MocapError: a video has no offsets, its window moves or is not inside the image, or as ``open_videos``.
     """
     paths = _listed(given)
     views = [[camera.name for camera in cameras], [path.stem for path in paths]]
@@ -167,47 +167,47 @@ def open_windows(
     if offsets is None:
         raise MocapError(
             f"`crop`: offsets of {', '.join(crops)} for the cameras {', '.join(views[0])}: give one for each camera, "
-            "named as camera or film"
+            "named as camera or video"
         )
     for camera, offset in zip(cameras, offsets, strict=True):
         if np.ptp(offset, axis=0).max() > 0:
             raise MocapError(
-                f"`crop`: the window of {camera.name} moves: films are digitised in windows at rest; crop by one "
-                "window, or digitise the whole picture"
+                f"`crop`: the window of {camera.name} moves: videos are digitised in windows at rest; crop by one "
+                "window, or digitise the whole image"
             )
-    films = open_films(
+    videos = open_videos(
         given,
         [cropped_camera(camera, offset[0]) for camera, offset in zip(cameras, offsets, strict=True)],
         offset_frames=offset_frames,
     )
     windows = []
-    for camera, offset, movie in zip(cameras, offsets, films.movies, strict=True):
+    for camera, offset, movie in zip(cameras, offsets, videos.movies, strict=True):
         end = offset[0] + movie.size_px
         if camera.size_px is not None and ((offset[0] < 0) | (end > camera.size_px)).any():
             raise MocapError(
                 f"`crop`: the window of {camera.name}, {movie.size_px[0]} x {movie.size_px[1]} px at "
-                f"({offset[0, 0]:g}, {offset[0, 1]:g}), is not inside the calibrated picture of "
+                f"({offset[0, 0]:g}, {offset[0, 1]:g}), is not inside the calibrated image of "
                 f"{camera.size_px[0]} x {camera.size_px[1]} px: check the offsets"
             )
         windows.append(replace(cropped_camera(camera, offset[0]), size_px=movie.size_px))
-    return films, tuple(windows)
+    return videos, tuple(windows)
 
 
 def _listed(given: Sequence[Path]) -> list[Path]:
     if len(given) == 1 and given[0].is_dir():
         inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
-        films = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES]
-        return films or list(given)
+        videos = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES]
+        return videos or list(given)
     return list(given)
 
 
 def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie], *, sd_px: float = 1.5) -> None:
-    """Refuse films whose clicks do not meet in space, with the order of the cameras in which they do.
+    """Refuse videos whose clicks do not meet in space, with the order of the cameras in which they do.
 
     Args:
         cameras: The C cameras.
         uv_px: (C, N, 2) clicks as recorded; NaN where not clicked.
-        movies: Films of the cameras.
+        movies: Videos of the cameras.
         sd_px: Error of a click.
 
     Raises:
@@ -229,12 +229,12 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
     if best < min(_MISFIT * sd_px, 0.3 * found):
         pairs = ", ".join(f"{m.path.name}: {cameras[i].name}" for m, i in zip(movies, order, strict=True))
         raise CalibrationError(
-            f"the films are not in the order of the calibration: the rays of the clicks miss each other by {found:.1f} "
+            f"the videos are not in the order of the calibration: the clicks have a reprojection error of {found:.1f} "
             f"px; in the order {pairs} it is {best:.1f} px"
         )
     raise CalibrationError(
-        f"the clicks do not fit the calibration: their rays miss each other by {found:.1f} px (median), in no order of "
-        f"the cameras by less than {best:.1f}: check that it is the calibration of these films, that they are in step "
+        f"the clicks do not fit the calibration: the median reprojection error is {found:.1f} px, and {best:.1f} px in "
+        f"the best order of the cameras: check that it is the calibration of these videos, that they are in step "
         "(`offset_frames`), and that the clicks count rows from the upper left corner"
     )
 

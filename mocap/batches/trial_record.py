@@ -82,9 +82,9 @@ def key_of(trial: Trial, options: Options) -> str:
         "version": version("eal-mocap"),
         "files": [
             [path.name, _content(path)]
-            for path in (*trial.paths, *[*found, *(() if "crop" in trial.stated else crops_beside(trial.paths))])
+            for path in (*trial.paths, *[*found, *(() if "crop" in trial.arguments else crops_beside(trial.paths))])
         ],
-        "stated": {name: _plain(value) for name, value in sorted(trial.stated.items())},
+        "stated": {name: _plain(value) for name, value in sorted(trial.arguments.items())},
         "options": {name: _plain(value) for name, value in sorted(vars(options).items())},
     }
     return hashlib.sha256(json.dumps(of, sort_keys=True).encode()).hexdigest()
@@ -126,11 +126,11 @@ def read_record(folder: Path) -> Record | None:
     files = current_files(folder) if folder.is_dir() else {}
     try:
         found = from_json(regular_bytes(files[RECORD], follow=False), RECORD)
-        told = {name: value[()] for name, value in checked(RECORD, found, _ENTRIES, again="").items()}
+        entries = {name: value[()] for name, value in checked(RECORD, found, _ENTRIES, again="").items()}
         row = dict(found["row"])
         kinds = {key: Entry(kind="s" if isinstance(row[key], str) else "f", needed=False) for key in row}
         checked(RECORD, row, kinds, again="")
-        record = Record(row=row, **told)
+        record = Record(row=row, **entries)
     except (KeyError, OSError, TypeError, ValueError, FormatError):
         return None
     whole = record.status != "done" or RECORDING in files
@@ -152,7 +152,7 @@ def keep(record: Record, folder: Path) -> None:
         return
 
 
-def known(trial: Trial, options: Options, out: Path) -> Record | None:
+def earlier_record(trial: Trial, options: Options, out: Path) -> Record | None:
     """How a trial went, if that was of the same files, options and version; None: it is to be tracked."""
     folder = out / trial.name
     record = read_record(folder)

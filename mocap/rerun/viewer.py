@@ -9,17 +9,23 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import urllib.request
 from collections.abc import Mapping
 from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import IO
+from urllib.error import URLError
 from urllib.parse import quote
 
 from mocap.errors import MocapError
 from mocap.rerun import guardian
 
 HOST = "127.0.0.1"
+POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:"
+"""What a page may load: parts of its own."""
 _START_S = 30.0
 
 
@@ -38,12 +44,14 @@ class Viewer:
         url: Address for a browser; None for a viewer with a window of its own.
         sink: Address to stream to.
         messages: What it said so far.
+        page: Server of its page, where it is for a browser.
     """
 
     process: subprocess.Popen[bytes]
     url: str | None
     sink: str
     messages: IO[bytes]
+    page: ThreadingHTTPServer | None = None
 
     def wait(self) -> None:
         """Wait until its window is closed, or for ever if it serves a browser.
@@ -56,6 +64,9 @@ class Viewer:
 
     def close(self) -> None:
         """End it."""
+        if self.page is not None:
+            self.page.shutdown()
+            self.page.server_close()
         guardian.end(self.process)
         self.messages.close()
 
@@ -83,13 +94,14 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
         )
     data_port, page_port = free_ports(2)
     command = [program, *([] if rrd is None or web else [str(rrd)]), "--bind", HOST, "--port", str(data_port)]
-    url, sink = None, f"rerun+http://{HOST}:{data_port}/proxy"
+    url, sink, page = None, f"rerun+http://{HOST}:{data_port}/proxy", None
     if web:
         command += ["--serve-web", "--web-viewer-port", str(page_port)]
-        url = f"http://{HOST}:{page_port}/?url={quote(sink, safe='')}&theme=dark"
+        page = _page(f"http://{HOST}:{page_port}", asks=f"http://{HOST}:{data_port}")
+        url = f"http://{HOST}:{page.server_port}/?url={quote(sink, safe='')}&theme=dark"
     messages = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the viewer
     process = guardian.started(command, environment=quiet_environment(os.environ), output=messages)
-    viewer = Viewer(process=process, url=url, sink=sink, messages=messages)
+    viewer = Viewer(process=process, url=url, sink=sink, messages=messages, page=page)
     for port in (data_port, page_port) if web else (data_port,):
         _wait_for(viewer, port)
     if web and rrd is not None:
@@ -99,6 +111,35 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
             viewer.close()
             raise
     return viewer
+
+
+def _page(source: str, *, asks: str) -> ThreadingHTTPServer:
+    """A server of the page at ``source`` with a policy by which a browser lets it ask ``asks`` alone.
+
+    By itself the page sends statistics of use and loads fonts from other hosts.
+    """
+
+    class Page(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            name = self.path.partition("?")[0]
+            try:
+                with urllib.request.urlopen(source + name, timeout=_START_S) as answer:
+                    kind, content = answer.headers.get_content_type(), answer.read()
+            except URLError:
+                self.send_error(404)
+                return
+            self.send_response(200)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("Content-Security-Policy", f"{POLICY}; connect-src 'self' {asks}")
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: object) -> None: ...
+
+    server = ThreadingHTTPServer((HOST, 0), Page)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return server
 
 
 def _send(rrd: Path, sink: str) -> None:
@@ -144,8 +185,9 @@ def has_display(environment: Mapping[str, str], platform: str) -> bool:
 
 
 def quiet_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment for a viewer: it sends no usage statistics, and says only what went wrong."""
-    return {**environment, "CI": "1", "RUST_LOG": environment.get("RUST_LOG", "warn"), "NO_COLOR": "1"}
+    """The environment for a viewer: no statistics of use, no question for a newer version, errors alone."""
+    quiet = {"CI": "1", "RUST_LOG": environment.get("RUST_LOG", "warn"), "NO_COLOR": "1"}
+    return {**environment, **quiet, "HTTPS_PROXY": f"http://{HOST}:9"}
 
 
 def free_ports(count: int) -> list[int]:
@@ -179,7 +221,7 @@ def _failed(viewer: Viewer) -> ViewerError:
     guardian.end(viewer.process)
     viewer.messages.seek(0)
     lines = viewer.messages.read().decode(errors="replace").strip().splitlines()
-    viewer.messages.close()
+    viewer.close()
     reason = lines[-1].strip() if lines else "it said nothing"
     hint = "try --web" if viewer.url is None else "try again, or open the file with `rerun` elsewhere"
     return ViewerError(f"the viewer ended with code {viewer.process.returncode} ({reason}): {hint}")

@@ -16,7 +16,7 @@ from mocap.errors import OutputError
 from mocap.rerun import palette, share
 from mocap.rerun.record import write_recording
 from mocap.rerun.share import PAGE, write_page
-from mocap.rerun.viewer import open_viewer
+from mocap.rerun.viewer import HOST, open_viewer
 
 pytestmark = pytest.mark.viewer
 SETTLED_COLORS = 150
@@ -77,24 +77,33 @@ def asked_for(browser):
 def test_the_web_viewer_is_sent_the_recording(browser, recordings):
     """What mocap view --web serves: its page starts the viewer, which asks our server for the recording and gets it.
 
+    It would send statistics of use, ask for a newer version and load fonts: a policy refuses what is of another host.
     What the same program then draws is seen on the page from the disk.
     """
     file = recordings / "flight.rrd"
     viewer = open_viewer(file, web=True)
     server, sent, streams = viewer.sink.removeprefix("rerun+").removesuffix("proxy"), 0, set()
+    others = {}
     told(browser)
     try:
         browser.get(f"{viewer.url}&renderer=webgl&hide_welcome_screen")
         while sent < file.stat().st_size / 4:  # coded otherwise it is half as long; of none a few hundred bytes come
             for m in told(browser):
-                if m["method"] == "Network.requestWillBeSent" and m["params"]["request"]["url"].startswith(server):
-                    streams.add(m["params"]["requestId"])
+                if m["method"] == "Network.requestWillBeSent":
+                    url = m["params"]["request"]["url"]
+                    if url.startswith(server):
+                        streams.add(m["params"]["requestId"])
+                    elif not url.startswith((f"http://{HOST}:", "data:", "blob:")):
+                        others[m["params"]["requestId"]] = url
+                elif m["method"] == "Network.loadingFailed" and m["params"].get("blockedReason") == "csp":
+                    others.pop(m["params"]["requestId"], None)
                 elif m["method"] == "Network.dataReceived" and m["params"]["requestId"] in streams:
                     sent += m["params"]["dataLength"]
             time.sleep(0.2)
     finally:
         browser.get("about:blank")
         viewer.close()
+    assert not others
 
 
 def test_what_else_a_folder_holds_stays(recordings, tmp_path, monkeypatch):

@@ -89,7 +89,9 @@ def test_where_a_window_can_open(environment, platform, expected):
 
 def test_no_statistics_are_sent():
     """The switch that the viewer obeys is set, whatever was set before."""
-    assert quiet_environment({"CI": "", "HOME": "h"})["CI"] == "1"
+    quiet = quiet_environment({"CI": "", "HOME": "h"})
+    assert quiet["CI"] == "1"
+    assert quiet["HTTPS_PROXY"].startswith(f"http://{HOST}:")
 
 
 def _child(pid: int) -> int:

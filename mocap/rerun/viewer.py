@@ -71,7 +71,7 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
         The viewer, started; wait for it, or close it.
 
     Raises:
-        ViewerError: there is no such recording, no viewer, or no screen, or the viewer did not start.
+        ViewerError: there is no such recording, or it is none, no viewer, or no screen, or the viewer did not start.
     """
     if rrd is not None and not rrd.is_file():
         raise ViewerError(f"{rrd}: there is no such recording; `mocap track` and `mocap demo` write recording.rrd")
@@ -106,7 +106,10 @@ def _send(rrd: Path, sink: str) -> None:
     import rerun as rr
     from rerun.chunk import RrdReader
 
-    kept = RrdReader(str(rrd)).recordings()[0]
+    try:
+        kept = RrdReader(str(rrd)).recordings()[0]
+    except (IndexError, ValueError, OSError, RuntimeError) as error:
+        raise ViewerError(f"{rrd}: not a recording for the viewer ({error}): run `mocap track` again") from None
     stream = rr.RecordingStream(kept.application_id, recording_id=kept.recording_id, send_properties=False)
     stream.connect_grpc(sink)
     stream.log_file_from_path(str(rrd))

@@ -42,6 +42,13 @@ def test_no_recording(tmp_path):
         open_viewer(tmp_path / "recording.rrd")
 
 
+def test_what_is_no_recording_is_not_served(tmp_path):
+    """One line, and no server is left."""
+    (tmp_path / "other.rrd").write_bytes(b"RRF2 no recording")
+    with pytest.raises(ViewerError, match="not a recording for the viewer"):
+        open_viewer(tmp_path / "other.rrd", web=True)
+
+
 def test_no_screen(rrd, monkeypatch):
     """Says how to look at it all the same."""
     monkeypatch.setattr(subject, "has_display", lambda *_: False)

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from eal.arrays import Z95, Array, true_runs
 from mocap.errors import CalibrationError
 from mocap.kinematics.compute import kinematics
-from mocap.kinematics.points import asked_for
+from mocap.kinematics.points import rate_points_for
 from mocap.kinematics.records import Rests
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
@@ -72,7 +72,7 @@ def true_motion(scene: SceneMotion, motion: Motion, skeleton: Skeleton) -> Motio
     """The motion with true positions and velocities (central differences over 0.2 ms of a closed form)."""
     t_s, step = motion.t_s, 1e-4
     names = [name for name in motion.names if name in skeleton.markers]
-    weights = asked_for(names, skeleton, n_frames=len(t_s)).all_weights
+    weights = rate_points_for(names, skeleton, n_frames=len(t_s)).all_weights
     x, later, before = (scene(t).xyz_m for t in (t_s, t_s + step, t_s - step))
     v = (later - before) / (2 * step)
     return replace(

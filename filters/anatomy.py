@@ -128,13 +128,13 @@ def anatomy_of(
     """
     body = tuple(names.index(name) for name in trunk if name in names) or tuple(range(len(names)))
     masses = masses_of(names, parts)
-    stated = tuple(tuple(names.index(name) for name in one if name in names) for one in bodies)
+    rigid = tuple(tuple(names.index(name) for name in one if name in names) for one in bodies)
     return Anatomy(
         trunk=body,
         bones=tuple(ends_among(names, bones)),
         mirror=counterparts(names),
         masses=masses,
-        bodies=stated or None,
+        bodies=rigid or None,
     )
 
 

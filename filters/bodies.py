@@ -168,8 +168,8 @@ def rod_masses(bones: Sequence[tuple[int, int]], length_m: Array, masses: Sequen
                 if len(way) == 1:
                     centre[way] = share
                 break
-    stated = bool(np.isfinite(density).any())
-    if not stated:
+    any_mass = bool(np.isfinite(density).any())
+    if not any_mass:
         return UNKNOWN_KG * length_m / float(length_m.sum()), centre, False
     return np.where(np.isfinite(density), density, np.nanmin(density)) * length_m, centre, True
 

@@ -156,8 +156,8 @@ def _followed(
     radius = min(int(4 * width + 0.5), 1 << 20)  # memory does not grow with the frame rate
     slow = gaussian_filter1d(covariance, width, axis=0, mode="constant", radius=radius)
     slow = nearest_rotation(slow + 1e-6 * covariance.mean(axis=0))
-    known = np.linalg.svd(covariance, compute_uv=False)[:, 1:].sum(axis=1)
-    weight = oriented * known / (known + prior + 1e-30)
+    spread = np.linalg.svd(covariance, compute_uv=False)[:, 1:].sum(axis=1)
+    weight = oriented * spread / (spread + prior + 1e-30)
     return _smooth_rotations(nearest_rotation(covariance + prior * slow), weight, dt_s, cutoff_hz)
 
 

@@ -26,15 +26,15 @@ def learn_bones(trials: Sequence[MarkerTrial], ends: NDArray[np.int64]) -> Bones
     """
     sums = [_distances(trial, ends) for trial in trials]
     count, mean, noise, spread = (np.array(parts) for parts in zip(*sums, strict=True))  # (G, P) each
-    known = count > 0
-    freedom = count.sum(axis=0) - known.sum(axis=0) / INDEPENDENT
+    seen = count > 0
+    freedom = count.sum(axis=0) - seen.sum(axis=0) / INDEPENDENT
     ok = freedom > 0
-    ends, count, mean, known, freedom = ends[ok], count[:, ok], mean[:, ok], known[:, ok], freedom[ok]
+    ends, count, mean, seen, freedom = ends[ok], count[:, ok], mean[:, ok], seen[:, ok], freedom[ok]
     length = (count * mean).sum(axis=0) / count.sum(axis=0)
     floor = (0.005 * length) ** 2  # no distance is known better than to half a percent
     within = np.maximum((spread.sum(axis=0) - noise.sum(axis=0))[ok] / freedom, floor)
-    trials_known = known.sum(axis=0)
-    differ = np.where(known, (mean - length) ** 2, 0.0).sum(axis=0) / np.maximum(trials_known - 1, 1)
+    trials_known = seen.sum(axis=0)
+    differ = np.where(seen, (mean - length) ** 2, 0.0).sum(axis=0) / np.maximum(trials_known - 1, 1)
     between = np.where(trials_known > 1, np.maximum(differ, floor), (0.1 * length) ** 2)
     own, common = INDEPENDENT * count[-1] / within, 1 / between
     return Bones(
@@ -78,9 +78,9 @@ def rigid_bones(trials: Sequence[MarkerTrial], named: Sequence[tuple[int, int]] 
     share = pairs.sd_m / pairs.length_m
     wanted = {(min(ends), max(ends)) for ends in named}
     chosen = [i for i, ends in enumerate(pairs.ends.tolist()) if tuple(ends) in wanted]
-    held = np.bincount(pairs.ends[chosen].ravel(), minlength=trials[0].xyz_m.shape[1])
+    links = np.bincount(pairs.ends[chosen].ravel(), minlength=trials[0].xyz_m.shape[1])
     for i in np.argsort(share, kind="stable"):
-        if share[i] <= RIGID and i not in chosen and held[pairs.ends[i]].min() < 2:
+        if share[i] <= RIGID and i not in chosen and links[pairs.ends[i]].min() < 2:
             chosen.append(int(i))
-            held[pairs.ends[i]] += 1
+            links[pairs.ends[i]] += 1
     return Bones(ends=pairs.ends[chosen], length_m=pairs.length_m[chosen], sd_m=pairs.sd_m[chosen])

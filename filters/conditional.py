@@ -76,13 +76,13 @@ class Normal:
         out = np.where(seen, poses, self.mean)[:, columns].reshape(len(poses), -1, 3)
         spread = np.zeros((*out.shape, 3))
         for pattern, rows in patterns(seen):
-            asked = columns[~pattern[columns]]
+            wanted = columns[~pattern[columns]]
             marker = np.flatnonzero(~pattern[columns[::3]])
-            cross = self.cov[np.ix_(pattern, asked)]
+            cross = self.cov[np.ix_(pattern, wanted)]
             weights = self.regression(pattern, cross)
-            left = self.cov[np.ix_(asked, asked)] - cross.T @ weights
+            left = self.cov[np.ix_(wanted, wanted)] - cross.T @ weights
             values = poses[np.ix_(rows, np.flatnonzero(pattern))] - self.mean[pattern]
-            out[np.ix_(rows, marker)] = (self.mean[asked] + values @ weights).reshape(len(rows), -1, 3)
+            out[np.ix_(rows, marker)] = (self.mean[wanted] + values @ weights).reshape(len(rows), -1, 3)
             spread[np.ix_(rows, marker)] = marker_blocks(0.5 * (left + left.T)[None])
         return out, spread
 

@@ -196,12 +196,12 @@ def fitted(tasks: Sequence[tuple[Rows, Array]], *, steps: int = 12) -> Covarianc
         steps: Of the search.
     """
     first = Covariance().logarithms
-    known = [(Apart.of(rows, rows), y) for rows, y in tasks]
+    blocks = [(Apart.of(rows, rows), y) for rows, y in tasks]
 
     def cost(logarithms: Array) -> tuple[float, Array]:
         covariance = Covariance.of(logarithms)
         total, slope = 0.001 * np.sum((logarithms - first) ** 2), 0.002 * (logarithms - first)
-        for apart, y in known:
+        for apart, y in blocks:
             square, along = covariance.gradient(apart)
             factor, failed = dpotrf(square.T, lower=1, overwrite_a=1)
             if failed:
@@ -212,12 +212,12 @@ def fitted(tasks: Sequence[tuple[Rows, Array]], *, steps: int = 12) -> Covarianc
             inverse[np.diag_indices(len(y))] /= 2
             solved = inverse @ y
             scale2 = np.mean(y * solved, axis=0) + 1e-300
-            total += (0.5 * np.mean(np.log(scale2)) + level) / len(known)
+            total += (0.5 * np.mean(np.log(scale2)) + level) / len(blocks)
             pull = inverse - (solved / scale2) @ solved.T / y.shape[1]
-            slope = slope + 0.5 * along(pull) / (len(y) * len(known))
+            slope = slope + 0.5 * along(pull) / (len(y) * len(blocks))
         return float(total), slope
 
-    if not known:
+    if not blocks:
         return Covariance.of(first)
     bounds, options = [(-12.0, 4.0)] * len(first), {"maxiter": steps}
     return Covariance.of(minimize(cost, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x)

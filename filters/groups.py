@@ -21,7 +21,7 @@ from mocap.filters.moving import Rates
 from mocap.filters.observations import Observations, some_markers
 from mocap.filters.observe import Observed
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -55,9 +55,9 @@ def groups_of(model: PoseMotion, size: int | None = None) -> list[Markers]:
 def _limbs(model: PoseMotion) -> list[list[int]]:
     """Markers that each potential reads by themselves."""
     return [
-        np.flatnonzero(np.abs(held.on_residual).reshape(len(held.mean), -1, 3).sum(axis=(0, 2))).tolist()
-        for held in model.potentials
-        if np.abs(held.on_residual).any()
+        np.flatnonzero(np.abs(limb.on_residual).reshape(len(limb.mean), -1, 3).sum(axis=(0, 2))).tolist()
+        for limb in model.potentials
+        if np.abs(limb.on_residual).any()
     ]
 
 
@@ -74,9 +74,9 @@ def part_of(model: PoseMotion, markers: Markers) -> PoseMotion:
         regression = Regression(regression.xyz_m[:, markers], regression.cov_m2[:, markers])
     outside = np.setdiff1d(np.arange(len(subspace.mean)), rows)
     potentials: list[PosePotential] = [
-        replace(held, on_residual=held.on_residual[:, rows])
-        for held in model.potentials
-        if not held.on_residual[:, outside].any()
+        replace(limb, on_residual=limb.on_residual[:, rows])
+        for limb in model.potentials
+        if not limb.on_residual[:, outside].any()
     ]
     return replace(
         model,
@@ -100,7 +100,7 @@ def smooth_in_groups(
     groups: Sequence[Markers],
     smooth: Smooth,
     *,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Estimate:
@@ -108,12 +108,17 @@ def smooth_in_groups(
     count = len(model.subspace.mean) // 3
     xyz, cov = np.empty((len(t_s), count, 3)), np.empty((len(t_s), count, 3, 3))
     observed: list[list[Observed]] = []
-    rates = None if asked is None else _Together(asked, count, len(t_s))
+    rates = None if rate_points is None else _Together(rate_points, count, len(t_s))
     for number, markers in enumerate(groups):
         tell = None if progress is None else (lambda share, n=number: progress((n + share) / len(groups)))
-        local = None if asked is None or rates is None else rates.local(markers)
+        local = None if rate_points is None or rates is None else rates.local(markers)
         found = smooth(
-            part_of(model, markers), some_markers(observations, markers), t_s, asked=local, progress=tell, **options
+            part_of(model, markers),
+            some_markers(observations, markers),
+            t_s,
+            rate_points=local,
+            progress=tell,
+            **options,
         )
         xyz[:, markers], cov[:, markers] = found.xyz_m, found.cov_m2
         observed.append([_renamed(seen, markers) for seen in found.observed])
@@ -145,29 +150,29 @@ def _together(parts: Sequence[Observed]) -> Observed:
 class _Together:
     """Velocities and joint covariances of all groups: means of markers add up over independent groups."""
 
-    def __init__(self, asked: Asked, count: int, n_frames: int) -> None:
-        points = count + len(asked.weights)
-        self.asked, self.count = asked, count
+    def __init__(self, rate_points: RatePoints, count: int, n_frames: int) -> None:
+        points = count + len(rate_points.weights)
+        self.rate_points, self.count = rate_points, count
         self._velocity = np.zeros((n_frames, points, 3))
         self._own = np.zeros((n_frames, points, 6, 6), dtype=np.float32)
-        self._cross = np.zeros((n_frames, len(asked.pairs), 6, 6), dtype=np.float32)
+        self._cross = np.zeros((n_frames, len(rate_points.pairs), 6, 6), dtype=np.float32)
         self._kept = np.zeros((n_frames, points, 3))
 
     def _points(self, markers: Markers) -> list[int]:
-        return [*markers.tolist(), *range(self.count, self.count + len(self.asked.weights))]
+        return [*markers.tolist(), *range(self.count, self.count + len(self.rate_points.weights))]
 
     def _inside(self, markers: Markers) -> list[int]:
         here = set(self._points(markers))
-        return [i for i, (a, b) in enumerate(self.asked.pairs) if a in here and b in here]
+        return [i for i, (a, b) in enumerate(self.rate_points.pairs) if a in here and b in here]
 
-    def local(self, markers: Markers) -> Asked:
+    def local(self, markers: Markers) -> RatePoints:
         """What is asked of a group; of a mean its own markers' share."""
         points = self._points(markers)
         place = {point: i for i, point in enumerate(points)}
-        pairs = [self.asked.pairs[i] for i in self._inside(markers)]
-        return Asked(
-            names=tuple(self.asked.names[point] for point in points),
-            weights=tuple(tuple(row[m] for m in markers.tolist()) for row in self.asked.weights),
+        pairs = [self.rate_points.pairs[i] for i in self._inside(markers)]
+        return RatePoints(
+            names=tuple(self.rate_points.names[point] for point in points),
+            weights=tuple(tuple(row[m] for m in markers.tolist()) for row in self.rate_points.weights),
             pairs=tuple((place[a], place[b]) for a, b in pairs),
         )
 
@@ -183,4 +188,6 @@ class _Together:
         """Of all."""
         spread = np.einsum("tnii->tni", self._own)[..., 3:]
         kept = np.clip(self._kept / np.maximum(spread, 1e-30), 0.0, 2.0)
-        return Rates(asked=self.asked, velocity_m_s=self._velocity, own=self._own, cross=self._cross, kept=kept)
+        return Rates(
+            rate_points=self.rate_points, velocity_m_s=self._velocity, own=self._own, cross=self._cross, kept=kept
+        )

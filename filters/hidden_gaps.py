@@ -119,7 +119,7 @@ def _filled(
     shown, out = gaps.shown, []
     trials = TrialSet([*others, shown], anatomy)
     seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
-    shows = trials.rigid.known[gaps.mask]  # these are not filled by models that are mixed
+    shows = trials.rigid.filled[gaps.mask]  # these are not filled by models that are mixed
     for model, tell in zip(models, shares(progress, len(models)), strict=True):
         filled = estimate(model, trials, seen, progress=tell)
         found = residuals_of(gaps, filled.xyz_m, filled.cov_m2)

@@ -166,11 +166,11 @@ def _place(
     if not len(start):
         return None
     i = int(rng.integers(len(start)))
-    known = whole[start[i]] & group.sets[which[i]]
-    hidden = group.sets[which[i]] if group.hides == "all" else known
+    measured = whole[start[i]] & group.sets[which[i]]
+    hidden = group.sets[which[i]] if group.hides == "all" else measured
     if isinstance(group.hides, int):
-        hidden = np.isin(np.arange(seen.shape[1]), rng.choice(np.flatnonzero(known), group.hides, False))
-    return Gap(kind=group.name, length=length, start=int(start[i]) + margin, hidden=hidden, scored=hidden & known)
+        hidden = np.isin(np.arange(seen.shape[1]), rng.choice(np.flatnonzero(measured), group.hides, False))
+    return Gap(kind=group.name, length=length, start=int(start[i]) + margin, hidden=hidden, scored=hidden & measured)
 
 
 class _Recorded(Protocol):
@@ -250,9 +250,9 @@ def hide_own(trial: MarkerTrial, rng: np.random.Generator, *, share: float = 0.1
             beside = (slice(first - margin, first), slice(first + length, first + length + margin))
             if first < margin or beside[1].stop > n_frames or not all(left[b][:, markers].all() for b in beside):
                 continue
-            known = left[first : first + length, markers].mean(axis=0) >= Rules().measured
-            if known.any():
-                hidden = np.isin(np.arange(n_markers), np.array(markers)[known])
+            shown = left[first : first + length, markers].mean(axis=0) >= Rules().measured
+            if shown.any():
+                hidden = np.isin(np.arange(n_markers), np.array(markers)[shown])
                 gaps.append(Gap(kind="own", length=length, start=first, hidden=hidden, scored=hidden))
                 left[first : first + length, hidden] = False
     return Hidden(trial=trial, gaps=tuple(gaps))
@@ -282,8 +282,8 @@ def hide_neighbours(trial: MarkerTrial, rng: np.random.Generator, *, turn: int |
     """
     seen = trial.seen
     n_frames, n_markers = seen.shape
-    known = np.where(np.asarray(seen.any(axis=1))[:, None, None], trial.xyz_m, 0.0)
-    centred = trial.xyz_m - np.nanmean(known, axis=1, keepdims=True)
+    xyz = np.where(np.asarray(seen.any(axis=1))[:, None, None], trial.xyz_m, 0.0)
+    centred = trial.xyz_m - np.nanmean(xyz, axis=1, keepdims=True)
     place = np.nansum(centred, axis=0) / np.maximum(seen.sum(axis=0), 1)[:, None]
     near = np.argsort(np.linalg.norm(place[:, None] - place[None], axis=-1), axis=1)
     groups, one = {}, np.ones(n_markers, dtype=np.int64)

@@ -213,8 +213,8 @@ def _bend_deg(a: Array, b: Array) -> Array:
 def _ranges_deg(segment: Array) -> tuple[Array, Array]:
     """Ranges (2,) of a direction about its mean in its principal directions, and the axis (3,) of the larger turn."""
     size = np.linalg.norm(segment, axis=-1)
-    known = size > 0
-    unit = segment[known] / size[known, None]
+    nonzero = size > 0
+    unit = segment[nonzero] / size[nonzero, None]
     if len(unit) < FEWEST_FRAMES:
         return np.zeros(2), np.array([0.0, 0.0, 1.0])
     mean = unit.mean(axis=0)

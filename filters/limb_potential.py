@@ -18,7 +18,7 @@ GRID = 60  # points along an edge of what is drawn
 
 
 @dataclass(eq=False)
-class HeldKeeper:
+class LimbKeeper:
     """Takes smoothed frames from the last to the first.
 
     Attributes:
@@ -33,12 +33,12 @@ class HeldKeeper:
     _means: list[Array] = field(default_factory=list)
 
     @staticmethod
-    def of(model: MotionModel) -> "HeldKeeper | None":
+    def of(model: MotionModel) -> "LimbKeeper | None":
         """None where the model holds no limb by V_z."""
         if not isinstance(model, PoseMotion):
             return None
         limbs = tuple(p for p in model.potentials if p.children and p.potential is not None)
-        return HeldKeeper(model, limbs) if limbs else None
+        return LimbKeeper(model, limbs) if limbs else None
 
     def take(self, frame: int, state: Smoothed) -> None:
         """One frame's smoothed state."""
@@ -52,7 +52,7 @@ class HeldKeeper:
             found.append((limb.mean + rows @ state.mean[: rows.shape[1]], state.of(limb.plane.T @ rows)))
         self._taken.append(found)
 
-    def held(self, names: Sequence[str]) -> dict[str, Limb]:
+    def estimates(self, names: Sequence[str]) -> dict[str, Limb]:
         """All limbs over all frames that were taken, each by the names of its root and its first joint.
 
         Coordinates are the two leading principal components of what V_z was learned from, the relative joint

@@ -49,8 +49,8 @@ class Mixture:
 
     def scaling(self, length: NDArray[np.int64]) -> Array:
         """(K, ...) factors on stated deviations, linear in the logarithms of both; 1 where nothing is missing."""
-        place, known = np.log(np.maximum(length, 1)), np.log(self.length)
-        scale = np.exp(np.stack([np.interp(place, known, np.log(column)) for column in self.scale.T]))
+        place, lengths = np.log(np.maximum(length, 1)), np.log(self.length)
+        scale = np.exp(np.stack([np.interp(place, lengths, np.log(column)) for column in self.scale.T]))
         return np.where(np.asarray(length) > 0, scale, 1.0)
 
     def weights(self, variance: Array, length: NDArray[np.int64]) -> Array:
@@ -138,8 +138,8 @@ def crossed(residuals: Sequence[Residuals]) -> Residuals | None:
         return None
     parts = []
     for k in fifths.every:
-        known = fifths.mixture(k)
-        parts.append(mixed_residuals(known, [part.some(fifths.fold == k) for part in residuals]))
+        others = fifths.mixture(k)
+        parts.append(mixed_residuals(others, [part.some(fifths.fold == k) for part in residuals]))
     return joined(parts)
 
 
@@ -155,8 +155,8 @@ class _Fifths:
         """Of all fifths but some; its width is that of each fifth by the mixture of the others."""
         chosen, parts = self._chosen({*left}), []
         for k in sorted(self.every.difference(left)):
-            known = self._chosen({*left, k}) if len(self.every.difference(left)) > 1 else chosen
-            parts.append(mixed_residuals(known, [part.some(self.fold == k) for part in self.residuals]))
+            others = self._chosen({*left, k}) if len(self.every.difference(left)) > 1 else chosen
+            parts.append(mixed_residuals(others, [part.some(self.fold == k) for part in self.residuals]))
         return replace(chosen, **_width(joined(parts), prior=1.0, dof=float(self.residuals[0].error_m.shape[1])))
 
     def _chosen(self, left: set[int]) -> Mixture:
@@ -247,10 +247,10 @@ def _mixture(residuals: Sequence[Residuals]) -> Mixture:
 
     start = mixture(np.zeros(2 * k - 2))
     error = np.stack([part.error_m for part in residuals])
-    stated = np.stack([part.variance for part in residuals]).mean(axis=2) * start.scaling(length) ** 2
+    variance = np.stack([part.variance for part in residuals]).mean(axis=2) * start.scaling(length) ** 2
 
     def cost(x: Array) -> float:
-        weight = mixture(x).weights(stated, length)
+        weight = mixture(x).weights(variance, length)
         squared = np.sum(np.einsum("kn,kni->ni", weight, error) ** 2, axis=1)
         level = np.mean([0.5 * np.log(squared[length == n].mean()) for n in lengths])
         return float(level + 0.1 * np.sum(x**2))  # offsets and slopes stay small that gain little

@@ -28,7 +28,7 @@ from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.score import Residuals, Score
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -182,7 +182,7 @@ def track_alone(
     *,
     bones: Sequence[tuple[str, str]] = (),
     bodies: Sequence[Sequence[str]] = (),
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     compared: Mapping[str, TrajectoryModel] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
@@ -200,7 +200,7 @@ def track_alone(
         settings: Of the EAL model.
         bones: Markers of the skeleton's rigid bones.
         bodies: Markers of the skeleton's rigid bodies.
-        asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
+        rate_points: Points whose velocities and joint covariances the pose model keeps; None: of none.
         compared: Models that fill the hidden gaps, too, by name; None: nothing is scored.
         seed: Where gaps are hidden.
         progress: Called with the share done.
@@ -214,7 +214,9 @@ def track_alone(
     if not gaps.hidden:
         return None
     models, more = models_alone(settings, trials), [*(compared or {}).values()]
-    every, (found,) = _estimates(models, trials, observations, [(gaps, [*models, *more])], asked, progress, call_all)
+    every, (found,) = _estimates(
+        models, trials, observations, [(gaps, [*models, *more])], rate_points, progress, call_all
+    )
     residuals = [replace(part, length=nearest_length(part.length)) for part in found]
     track = every.mixed(learn_mixture(residuals[: len(models)]))
     if compared is None:
@@ -276,15 +278,15 @@ def renamed(learned: LearnedModel, names: Sequence[str]) -> LearnedModel:
         learned: The model.
         names: New names of its M markers.
     """
-    known = {
+    old_name = {
         old: new for old, new in zip(learned.names, names, strict=True)
         if new not in learned.names
     }  # fmt: skip
-    if len(set(known.values())) < len(known):  # two numbers that the aliases make one marker: of different files
-        known = {}
+    if len(set(old_name.values())) < len(old_name):  # two numbers that the aliases make one marker: of different files
+        old_name = {}
 
     def name(old: str) -> str:
-        return known.get(old, old)
+        return old_name.get(old, old)
 
     return replace(
         learned,
@@ -348,7 +350,7 @@ def track_with(
     recording: MarkerTrial,
     observations: Observations,
     *,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     compared: Mapping[str, TrajectoryModel] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
@@ -364,7 +366,7 @@ def track_with(
         names: Markers of the recording.
         recording: Its markers as triangulated.
         observations: What each frame shows.
-        asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
+        rate_points: Points whose velocities and joint covariances the pose model keeps; None: of none.
         compared: Models that are learned from the recording alone, to fill gaps that are hidden to compare them with
             this one, by name; None: nothing is scored.
         seed: Where those gaps are hidden.
@@ -377,7 +379,7 @@ def track_with(
     if compared is not None:
         like = gaps_like_own(trials, times=1, seed=seed)
         hidden += [(like, models), (like.alone(), [*compared.values()])]
-    every, (own, *found) = _estimates(models, trials, observations, hidden, asked, progress, call_all)
+    every, (own, *found) = _estimates(models, trials, observations, hidden, rate_points, progress, call_all)
     track = every.mixed(learned.mixture.calibrated(own) if gaps.hidden else learned.mixture)
     if compared is None or not found[0]:
         return track
@@ -419,14 +421,14 @@ def _estimates(
     trials: TrialSet,
     observations: Observations,
     hidden: Sequence[tuple[HiddenGaps, Sequence[TrajectoryModel]]],
-    asked: Asked | None,
+    rate_points: RatePoints | None,
     progress: Progress | None,
     call_all: CallAll,
 ) -> tuple[Members, list[tuple[Residuals, ...]]]:
     """What all models say of the last trial, and what models miss hidden samples by."""
-    wanted = [None] * (len(models) - 1) + [asked]
+    wanted = [None] * (len(models) - 1) + [rate_points]
     whole: list[Call] = [
-        partial(estimate, model, trials, observations, asked=points)
+        partial(estimate, model, trials, observations, rate_points=points)
         for model, points in zip(models, wanted, strict=True)
     ]
     parts = [gaps.calls(fill) for gaps, fill in hidden]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from mocap.filters.gaussian import Smoothed
 from mocap.filters.motion.base import Frame, MotionModel
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -21,14 +21,14 @@ class Rates:
     """What a smoother knows of velocities; shapes and meaning as in ``mocap.filters.velocities.Motion``.
 
     Attributes:
-        asked: Points and pairs.
+        rate_points: Points and pairs.
         velocity_m_s: (T, N, 3).
         own: (T, N, 6, 6) float32.
         cross: (T, P, 6, 6) float32.
         kept: (T, N, 3).
     """
 
-    asked: Asked
+    rate_points: RatePoints
     velocity_m_s: Array
     own: NDArray[np.float32]
     cross: NDArray[np.float32]
@@ -41,11 +41,11 @@ class RateKeeper:
 
     Attributes:
         model: Motion model.
-        asked: What to keep.
+        rate_points: What to keep.
     """
 
     model: MotionModel
-    asked: Asked
+    rate_points: RatePoints
     _velocity: list[Array] = field(default_factory=list)
     _own: list[NDArray] = field(default_factory=list)
     _cross: list[NDArray] = field(default_factory=list)
@@ -54,11 +54,11 @@ class RateKeeper:
 
     @cached_property
     def _weights(self) -> Array:
-        return self.asked.all_weights
+        return self.rate_points.all_weights
 
     @cached_property
     def _pairs(self) -> NDArray[np.int64]:
-        return np.array(self.asked.pairs, dtype=np.int64).reshape(-1, 2)
+        return np.array(self.rate_points.pairs, dtype=np.int64).reshape(-1, 2)
 
     def take(self, frame: int, filtered: Frame, smoothed: Smoothed, state: Smoothed, matrix: Array) -> None:
         """One frame.
@@ -132,7 +132,7 @@ class RateKeeper:
             return None
         kept = between(self._kept, (n_frames, *self._velocity[0].shape))
         return Rates(
-            asked=self.asked,
+            rate_points=self.rate_points,
             velocity_m_s=np.array(self._velocity[::-1]),
             own=np.array(self._own[::-1]),
             cross=np.array(self._cross[::-1]),
@@ -153,12 +153,12 @@ def _speeds(rows: Array) -> Array:
     )
 
 
-def between(known: Mapping[int, Array], shape: tuple[int, ...]) -> Array:
+def between(anchors_of: Mapping[int, Array], shape: tuple[int, ...]) -> Array:
     """(T, ...) values of some frames, linear between these and constant beyond them; 1 where there is none."""
-    frames = sorted(known)
+    frames = sorted(anchors_of)
     if not frames:
         return np.full(shape, 1.0)
-    anchors = np.array([known[f] for f in frames])
+    anchors = np.array([anchors_of[f] for f in frames])
     at = np.clip(np.searchsorted(frames, np.arange(shape[0]), side="right") - 1, 0, len(frames) - 1)
     after = np.minimum(at + 1, len(frames) - 1)
     place = np.array(frames, dtype=float)
@@ -167,14 +167,14 @@ def between(known: Mapping[int, Array], shape: tuple[int, ...]) -> Array:
     return (1 - share) * anchors[at] + share * anchors[after]
 
 
-def asked_of(names: Sequence[str], asked: Asked) -> Asked:
+def rate_points_of(names: Sequence[str], rate_points: RatePoints) -> RatePoints:
     """What is asked, for a part of the markers; means and pairs that need another are left out."""
-    every = asked.names[: len(asked.names) - len(asked.weights)]
+    every = rate_points.names[: len(rate_points.names) - len(rate_points.weights)]
     place = {name: i for i, name in enumerate(names)}
     index = [place.get(name) for name in every]
     kept, means = list(names), []
     numbers = dict(enumerate(index))
-    for k, (name, row) in enumerate(zip(asked.names[len(every) :], asked.weights, strict=True)):
+    for k, (name, row) in enumerate(zip(rate_points.names[len(every) :], rate_points.weights, strict=True)):
         total = sum(weight for weight, i in zip(row, index, strict=True) if i is not None)
         numbers[len(every) + k] = None
         if total > 0.5:
@@ -186,8 +186,8 @@ def asked_of(names: Sequence[str], asked: Asked) -> Asked:
             kept.append(name)
             means.append(tuple(new.tolist()))
     pairs = []
-    for pair in asked.pairs:
+    for pair in rate_points.pairs:
         a, b = numbers[pair[0]], numbers[pair[1]]
         if a is not None and b is not None:
             pairs.append((a, b))
-    return Asked(names=tuple(kept), weights=tuple(means), pairs=tuple(pairs))
+    return RatePoints(names=tuple(kept), weights=tuple(means), pairs=tuple(pairs))

@@ -116,10 +116,10 @@ def observe(
         weight *= information
     summed = _sum(sums, weight, squares)
     values, vectors = np.linalg.eigh(summed[:, :3, :3])
-    known = values > 1e-12 * np.maximum(values[:, -1:], 1e-300)  # one ray leaves a direction free
-    root = np.sqrt(np.where(known, values, 0.0))
-    target = np.einsum("mi,mij->mj", summed[:, :3, 3], vectors) / np.where(known, root, np.inf)
-    posterior, update = markers.condition(np.swapaxes(vectors * root[:, None], 1, 2), target, known)
+    certain = values > 1e-12 * np.maximum(values[:, -1:], 1e-300)  # one ray leaves a direction free
+    root = np.sqrt(np.where(certain, values, 0.0))
+    target = np.einsum("mi,mij->mj", summed[:, :3, 3], vectors) / np.where(certain, root, np.inf)
+    posterior, update = markers.condition(np.swapaxes(vectors * root[:, None], 1, 2), target, certain)
     n_rows = int(sights.size[used].sum())
     nis = float(summed[:, 3, 3].sum() - target.ravel() @ target.ravel()) + update.explained
     log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()

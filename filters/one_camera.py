@@ -19,7 +19,7 @@ from mocap.filters.rays_and_bones import held_by_bones
 from mocap.filters.records import Estimate
 from mocap.filters.subspace import bridge
 from mocap.filters.trajectory import SETTLED, Quadratic, covariance, factor, most_probable
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
@@ -149,8 +149,8 @@ def jitter_px(uv_px: Array) -> float:
     By the median third difference, whose variance is 20 times that of white noise and which smooth motion has not.
     """
     change = np.abs(np.diff(uv_px, n=3, axis=1))
-    known = change[np.isfinite(change)]
-    return float(np.median(known) / 0.6745 / np.sqrt(20)) if len(known) else np.nan
+    finite = change[np.isfinite(change)]
+    return float(np.median(finite) / 0.6745 / np.sqrt(20)) if len(finite) else np.nan
 
 
 def shown(seen: NDArray[np.bool_]) -> slice:
@@ -175,7 +175,7 @@ def track_views(
     views: Views,
     *,
     doubt: Callable[[float, Array], LeftOut] = lambda _noise_m, _axes: UNDOUBTED,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Found:
     """Track a recording of one camera, or of several of which one sees most.
@@ -185,7 +185,7 @@ def track_views(
         views: What was seen; deviations are those of the pixels alone.
         doubt: How trials fared that were left out (``left_out``), by the noise of rays in metres where the animal is
             and the axes of the mean body to the camera's.
-        asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
+        rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
 
     Raises:
@@ -212,12 +212,12 @@ def track_views(
     same = np.sqrt(np.mean(apart**2)) < 0.01 * np.sqrt(np.mean(prior.mean**2))  # of the animal: one end
     other = 0.0 if same else float(expit((lower[-1] - higher[-1]) / prior.lasts))
     tell(0.8)
-    held, costs, loose = recorded, lower, False
+    problem, costs, loose = recorded, lower, False
     try:
-        held, best, costs = held_by_bones(recorded, views, best)
+        problem, best, costs = held_by_bones(recorded, views, best)
     except FilterError:  # shapes that bones contradict, which was seen of animals unlike their trials
         loose = True
-    xyz, lags = marked(held, recorded, views, best)
+    xyz, lags = marked(problem, recorded, views, best)
     doubted = doubt(float(np.median((views.sd_px / scale)[views.seen])), _axes(views, best))
     unlike = bridge(strange(recorded, best)[:, None])[:, 0]  # where too little is seen as in the frames around
     wider = np.sqrt(np.interp(unlike, doubted.strange, doubted.wider))
@@ -230,7 +230,7 @@ def track_views(
         xyz_m=xyz,
         cov_m2=np.einsum("tmiml->tmil", blocks).copy(),
         observed=_observed(recorded, views, recorded.markers(best), xyz),
-        rates=None if asked is None else _rates(asked, xyz, lags, prior.dt_s),
+        rates=None if rate_points is None else _rates(rate_points, xyz, lags, prior.dt_s),
     )
     return Found(
         estimate=estimate,
@@ -246,12 +246,12 @@ def track_views(
 
 
 def marked(
-    held: Recorded, recorded: Recorded, pixels: Views, at: Poses, *, within: float = SETTLED
+    problem: Recorded, recorded: Recorded, pixels: Views, at: Poses, *, within: float = SETTLED
 ) -> tuple[Array, list[Array]]:
     """(T, M, 3) markers in the world, and their covariances (``counted_once``), with what shapes leave.
 
     Args:
-        held: What was minimised.
+        problem: What was minimised.
         recorded: What was seen; deviations contain what shapes leave.
         pixels: The same; deviations are those of the pixels alone.
         at: The most probable poses.
@@ -259,7 +259,7 @@ def marked(
     """
     xyz, rows = recorded.markers(at), recorded.rows(at)
     rows = (at.rotation[:, None] @ rows.reshape(*xyz.shape, -1)).reshape(rows.shape)
-    lags = counted_once(held, at, rows)
+    lags = counted_once(problem, at, rows)
     for m in range(xyz.shape[1]):
         _add_left(recorded.prior, pixels, xyz, lags, m, within)
     return xyz, lags
@@ -334,16 +334,16 @@ def left_out(
         recorded = Recorded(prior=part, views=replace(pixels, sd_px=pixels.sd_px * wider))
         start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
         with suppress(FilterError):
-            held, best, _ = held_by_bones(recorded, pixels, between(start, some, len(own.t_s)), within=ROUGHLY)
-            xyz, lags = marked(held, recorded, pixels, best, within=ROUGHLY)
+            problem, best, _ = held_by_bones(recorded, pixels, between(start, some, len(own.t_s)), within=ROUGHLY)
+            xyz, lags = marked(problem, recorded, pixels, best, within=ROUGHLY)
             found.append([strange(recorded, best), _squared(xyz, lags[0], own), np.full(len(xyz), lacking or single)])
     unlike, squared, lacks = np.concatenate([np.zeros((3, 0)), *found], axis=1)
-    known = np.isfinite(unlike) & np.isfinite(squared)
-    if not known.any():
+    finite = np.isfinite(unlike) & np.isfinite(squared)
+    if not finite.any():
         return UNDOUBTED
-    order, usual = np.argsort(unlike[known], kind="stable"), unlike[known & (lacks == 0)]
+    order, usual = np.argsort(unlike[finite], kind="stable"), unlike[finite & (lacks == 0)]
     groups = np.array_split(order, max(1, round(len(order) / prior.lasts)))  # frames that err alike
-    means = np.array([[one[known][group].mean() for group in groups] for one in (unlike, squared)])
+    means = np.array([[one[finite][group].mean() for group in groups] for one in (unlike, squared)])
     return LeftOut(
         most=float(np.quantile(usual, 1 - ALARMS)) if len(usual) else np.inf,
         strange=means[0],
@@ -429,12 +429,12 @@ def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], m
     left = np.zeros((len(xyz_m), 3))
     with suppress(FilterError):  # rays that are hundreds of deviations off are hardly believed: the shape's place stays
         left = most_probable(problem, left, within=within)
-    known = covariance(factor(problem.quadratic(left)))
-    kept = known[0] / sd**2
+    block = covariance(factor(problem.quadratic(left)))
+    kept = block[0] / sd**2
     for lag, part in enumerate(lags):
         part[:, k] = kept[lag:] @ part[:, k]
         part[:, :, k] = part[:, :, k] @ np.swapaxes(kept[: len(part)], 1, 2)
-        part[:, k, k] += known[lag]
+        part[:, k, k] += block[lag]
     xyz_m[:, marker] += left
 
 
@@ -462,13 +462,16 @@ def _observed(recorded: Recorded, views: Views, pose_m: Array, xyz_m: Array) -> 
     return out
 
 
-def _rates(asked: Asked, xyz_m: Array, lags: list[Array], dt_s: float) -> Rates | None:
+def _rates(rate_points: RatePoints, xyz_m: Array, lags: list[Array], dt_s: float) -> Rates | None:
     """Velocities by central differences, with the covariances that neighbouring frames have; None of under 3 frames."""
     steps = len(xyz_m)
     if steps < 3:
         return None
-    weights, pairs = np.kron(asked.all_weights, np.eye(3)), np.array(asked.pairs, dtype=np.int64).reshape(-1, 2)
-    points = len(asked.all_weights)
+    weights, pairs = (
+        np.kron(rate_points.all_weights, np.eye(3)),
+        np.array(rate_points.pairs, dtype=np.int64).reshape(-1, 2),
+    )
+    points = len(rate_points.all_weights)
     here, one, two = (weights @ part @ weights.T for part in lags)
     rows = np.zeros((steps, points, 2, 3, points, 2, 3))
     shape = (steps, points, 3, points, 3)
@@ -485,7 +488,7 @@ def _rates(asked: Asked, xyz_m: Array, lags: list[Array], dt_s: float) -> Rates 
     joint = rows.reshape(steps, points, 6, points, 6)
     velocity = np.gradient(xyz_m, dt_s, axis=0).reshape(steps, -1)
     return Rates(
-        asked=asked,
+        rate_points=rate_points,
         velocity_m_s=(velocity @ weights.T).reshape(steps, points, 3),
         own=np.einsum("tiaib->tiab", joint).astype(np.float32),
         cross=joint[:, pairs[:, 0], :, pairs[:, 1]].swapaxes(0, 1).astype(np.float32)

@@ -165,8 +165,8 @@ class Recorded:
         rows, turn = self.rows(at), at.rotation
         force = (pulled @ turn).reshape(steps, -1)
         inner = np.swapaxes(turn, 1, 2)[:, None] @ stiff @ turn[:, None]
-        held = (inner @ rows.reshape(steps, -1, 3, rows.shape[-1])).reshape(rows.shape)
-        form = np.swapaxes(rows, 1, 2) @ held
+        weighted = (inner @ rows.reshape(steps, -1, 3, rows.shape[-1])).reshape(rows.shape)
+        form = np.swapaxes(rows, 1, 2) @ weighted
         slope = np.einsum("tik,ti->tk", rows, force)
         slope[:, 6:-1] += p.hold.gradient(at.z)
         form[:, 6:-1, 6:-1] += positive(p.hold.hessian(at.z))

@@ -164,12 +164,12 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, whole: P
     rank = max(1, min(8, len(y) // 8, y.shape[1] - 6))
     found = principal_components(y, rank, trial=np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
     basis, _, _ = np.linalg.svd(found.loading, full_matrices=False)
-    known = np.split(found.known, cuts)
+    certainty = np.split(found.certainty, cuts)
     smooth = [
         smooth_series(z, np.maximum(k, 1e-3), dt_s=dt_s, cutoff_hz=fastest_hz(dt_s))
-        for z, k in zip(np.split(found.scores @ found.loading.T @ basis, cuts), known, strict=True)
+        for z, k in zip(np.split(found.scores @ found.loading.T @ basis, cuts), certainty, strict=True)
     ]
-    keep = [k >= min(LEAST_KNOWN, np.median(k)) for k in known]
+    keep = [k >= min(LEAST_KNOWN, np.median(k)) for k in certainty]
     shapes = np.concatenate([z[k] for z, k in zip(smooth, keep, strict=True)])
     rate = np.concatenate([np.gradient(z, dt_s, axis=0)[k] for z, k in zip(smooth, keep, strict=True)])
     now, before, constant, noise = autoregression(smooth)
@@ -233,8 +233,8 @@ def marker_sd(left: Sequence[Array]) -> Array:
 
     def ratios(share: float) -> tuple[Array, Array]:
         others = np.array([expected(share, np.delete(squares, k, axis=0)) for k in range(len(squares))])
-        known = np.isfinite(squares)
-        return squares[known] / others[known], others[known]
+        finite = np.isfinite(squares)
+        return squares[finite] / others[finite], others[finite]
 
     def unlikely(share: float) -> float:
         ratio, variance = ratios(share)

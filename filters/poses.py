@@ -73,7 +73,7 @@ def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames, sd_m: Array | None 
 
 
 LEAST_KNOWN = 0.8
-"""Poses known better than this (``Components.known``) are learned from. Chosen, not measured."""
+"""Poses known better than this (``Components.certainty``) are learned from. Chosen, not measured."""
 
 
 def poses_of(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float = 3.0) -> list[PoseTrial]:
@@ -104,7 +104,7 @@ class Shapes:
         z: (T, r) shapes of each trial.
         rate: (T, r) their velocities, smoothed, a second.
         acceleration: (T, r) their accelerations.
-        known: (T,) how well each pose is known from what its frame shows (``Components.known``).
+        certainty: (T,) how well each pose is known from what its frame shows (``Components.certainty``).
         offset: (G, 3M) what each trial adds to the mean pose.
         offset_sd: (G, 3M) how uncertain that is.
         residual: (T, 3M) what the subspace leaves of each pose; NaN where not seen.
@@ -114,7 +114,7 @@ class Shapes:
     z: list[Array]
     rate: list[Array]
     acceleration: list[Array]
-    known: list[Array]
+    certainty: list[Array]
     offset: Array
     offset_sd: Array
     residual: list[Array]
@@ -147,7 +147,7 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
         z=np.split(z, cuts),
         rate=rate,
         acceleration=[_derivative(part, dt_s) for part in rate],
-        known=np.split(found.known, cuts),
+        certainty=np.split(found.certainty, cuts),
         offset=found.trial_offset,
         offset_sd=1 / np.sqrt(precision),
         residual=np.split(left, cuts),
@@ -199,10 +199,10 @@ def residual_memory_s(
 
 def known_shapes(shapes: Shapes) -> list[NDArray[np.bool_]]:
     """(T,) masks of the poses that are known better than ``LEAST_KNOWN``; of the 30 best known, if these are fewer."""
-    known, limit, least = np.concatenate(shapes.known), LEAST_KNOWN, 30
-    if np.count_nonzero(known > limit) < least:
-        limit = float(np.sort(known)[-min(least, len(known))]) - 1e-12
-    return [part > limit for part in shapes.known]
+    certainty, limit, least = np.concatenate(shapes.certainty), LEAST_KNOWN, 30
+    if np.count_nonzero(certainty > limit) < least:
+        limit = float(np.sort(certainty)[-min(least, len(certainty))]) - 1e-12
+    return [part > limit for part in shapes.certainty]
 
 
 def radian(shapes: Shapes) -> float:

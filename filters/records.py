@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 Limb = Mapping[str, NDArray[Any]]
-"""What a potential said of a limb (``filters.limb_potential.HeldKeeper.held``)."""
+"""What a potential said of a limb (``filters.limb_potential.LimbKeeper.estimates``)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

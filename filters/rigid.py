@@ -47,8 +47,8 @@ def distance_spread(trial: MarkerTrial) -> tuple[Array, Array]:
         number = seen.sum(axis=0)
         away = np.where(seen, apart - np.where(seen, apart, 0.0).sum(axis=0) / np.maximum(number, 1), 0.0)
         squares = (away**2).sum(axis=0)
-        known = (number >= LEAST) & (squares > 0)
-        spread[a, known] = np.sqrt(squares / np.maximum(number - 1, 1))[known]
+        enough = (number >= LEAST) & (squares > 0)
+        spread[a, enough] = np.sqrt(squares / np.maximum(number - 1, 1))[enough]
         samples[a] = independent_samples(away)
     return spread, samples
 
@@ -233,18 +233,18 @@ class Completed:
     lasting_m2: Array
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def filled(self) -> NDArray[np.bool_]:
         """(T, M) where they say something."""
         return np.isfinite(self.xyz_m[..., 0])
 
     def whole(self, trial: MarkerTrial) -> MarkerTrial:
         """The trial with them, as measurements of their deviation."""
-        known = self.known
-        if not known.any():
+        found = self.filled
+        if not found.any():
             return trial
         sd = np.sqrt(np.trace(self.cov_m2, axis1=-2, axis2=-1) / 3)
         return replace(
-            trial, xyz_m=np.where(known[..., None], self.xyz_m, trial.xyz_m), sd_m=np.where(known, sd, trial.sd_m)
+            trial, xyz_m=np.where(found[..., None], self.xyz_m, trial.xyz_m), sd_m=np.where(found, sd, trial.sd_m)
         )
 
     def with_lasting(self, xyz_m: Array, cov_m2: Array, seen: Observations) -> Array:
@@ -258,10 +258,10 @@ class Completed:
             seen: What else is seen of the markers.
         """
         out = np.array(cov_m2)
-        for frame in np.flatnonzero(self.known.any(axis=1)):
+        for frame in np.flatnonzero(self.filled.any(axis=1)):
             sights = seen.sights(int(frame), xyz_m[frame], cov_m2[frame])
             white = sights.slope / sights.sd[..., None]
-            for marker in np.flatnonzero(self.known[frame]):
+            for marker in np.flatnonzero(self.filled[frame]):
                 mine = white[sights.where[:, 1] == marker].reshape(-1, 3)
                 weight = np.linalg.inv(np.eye(3) + self.cov_m2[frame, marker] @ mine.T @ mine)
                 out[frame, marker] += weight @ self.lasting_m2[frame, marker] @ weight.T
@@ -296,10 +296,10 @@ def completed(trial: MarkerTrial, bodies: Sequence[Sequence[int]]) -> Completed:
             if seen.sum() < LEAST or not len(lost):
                 continue
             rows = np.repeat(seen, 3)
-            asked = (3 * lost[:, None] + np.arange(3)).ravel()
-            by = np.linalg.lstsq(whole[np.ix_(rows, rows)], whole[np.ix_(rows, asked)], rcond=1e-12)[0]
-            error = np.zeros((len(asked), len(whole)))
-            error[:, rows], error[np.arange(len(asked)), asked] = -by.T, 1.0
+            columns = (3 * lost[:, None] + np.arange(3)).ravel()
+            by = np.linalg.lstsq(whole[np.ix_(rows, rows)], whole[np.ix_(rows, columns)], rcond=1e-12)[0]
+            error = np.zeros((len(columns), len(whole)))
+            error[:, rows], error[np.arange(len(columns)), columns] = -by.T, 1.0
             lasts = error @ shape.lasting @ error.T
             vague = FREE * np.trace(shape.spread) / len(shape.spread) * np.sum((error @ shape.motions) ** 2)
             total = lasts + (by.T * np.repeat(shape.noise[seen], 3)) @ by

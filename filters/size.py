@@ -47,8 +47,8 @@ def log_distances(xyz_m: Array, pairs: NDArray[np.intp]) -> tuple[Array, Array]:
     spread = np.where(seen, (apart - mean) ** 2, 0.0).sum(axis=0) / np.maximum(count, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.sqrt(spread / np.maximum(INDEPENDENT * count, 1)) / mean
-        known = (count >= 10) & (mean > 0)
-        return np.where(known, np.log(np.maximum(mean, 1e-300)), np.nan), np.where(known, error, np.nan)
+        enough = (count >= 10) & (mean > 0)
+        return np.where(enough, np.log(np.maximum(mean, 1e-300)), np.nan), np.where(enough, error, np.nan)
 
 
 def size_factor(trial: MarkerTrial, target: MarkerTrial) -> float:

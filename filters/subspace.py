@@ -41,7 +41,7 @@ class Components:
         trial_sd: (D,) standard deviation of that over trials.
         loading: (D, r) loadings of unit scores.
         scores: (N, r) scores.
-        known: (N,) 1 less the mean share of the scores' variance that is left when a frame is seen.
+        certainty: (N,) 1 less the mean share of the scores' variance that is left when a frame is seen.
         noise: Variance of an entry about the model.
         trial: (N,) trial of each pose.
     """
@@ -51,7 +51,7 @@ class Components:
     trial_sd: Array
     loading: Array
     scores: Array
-    known: Array
+    certainty: Array
     noise: float
     trial: NDArray[np.int64]
 
@@ -70,8 +70,8 @@ def bridge(y: Array) -> Array:
     out = y.copy()
     index = np.arange(len(y))
     for column in out.T:
-        known = np.isfinite(column)
-        column[~known] = np.interp(index[~known], index[known], column[known]) if known.any() else 0.0
+        finite = np.isfinite(column)
+        column[~finite] = np.interp(index[~finite], index[finite], column[finite]) if finite.any() else 0.0
     return out
 
 
@@ -237,8 +237,8 @@ def structure(series: Array, lag: int, trial: NDArray[np.int64] | None = None) -
     change = series[lag:] - series[:-lag]
     if trial is not None:
         change = change[trial[lag:] == trial[:-lag]]
-    known = change[np.isfinite(change)]
-    return float(np.mean(known**2)) if len(known) else np.nan
+    finite = change[np.isfinite(change)]
+    return float(np.mean(finite**2)) if len(finite) else np.nan
 
 
 def white_variance(series: Array, trial: NDArray[np.int64] | None = None) -> float:

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
 from mocap.filters.groups import MOST, groups_of, smooth_in_groups
-from mocap.filters.limb_potential import HeldKeeper
+from mocap.filters.limb_potential import LimbKeeper
 from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import Observed, observe, unused
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 
 from eal.arrays import Array
 from eal.threads import one_blas_thread
@@ -113,7 +113,7 @@ def smooth(
     *,
     gate_sd: float = 6.0,
     most_bytes: float = 1e9,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
@@ -130,10 +130,15 @@ def smooth(
         t_s: (T,) times.
         gate_sd: Groups further off are not believed (``gate_groups``).
         most_bytes: See above.
-        asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
+        rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    options: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
+    options: dict[str, Any] = {
+        "gate_sd": gate_sd,
+        "most_bytes": most_bytes,
+        "rate_points": rate_points,
+        "progress": progress,
+    }
     if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST:
         return smooth_in_groups(model, observations, t_s, groups_of(model), smooth_together, **options)
     return smooth_together(model, observations, t_s, **options)
@@ -146,7 +151,7 @@ def smooth_together(
     *,
     gate_sd: float = 6.0,
     most_bytes: float = 1e9,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """``smooth`` for a state whose components depend on each other, with one covariance matrix of all."""
@@ -154,8 +159,8 @@ def smooth_together(
     length = max(2, int(most_bytes / (3 * 8 * size)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
     xyz, cov, angles, energies = [], [], [], []
-    keeper = None if asked is None else RateKeeper(model, asked)
-    holder = None if asked is None else HeldKeeper.of(model)
+    keeper = None if rate_points is None else RateKeeper(model, rate_points)
+    holder = None if rate_points is None else LimbKeeper.of(model)
     with one_blas_thread():
         half = None if progress is None else (lambda share: progress(0.5 * share))
         before: list[Moments | None] = [None]
@@ -200,5 +205,5 @@ def smooth_together(
         rates=rates,
         angles=None if angles[0] is None else np.moveaxis(np.array(angles[::-1]), 1, 0),
         energies=None if energies[0] is None else np.array(energies[::-1]),
-        limbs={} if holder is None or asked is None else holder.held(asked.names),
+        limbs={} if holder is None or rate_points is None else holder.estimates(rate_points.names),
     )

@@ -178,13 +178,13 @@ class FittedPoses:
         angles: (T, F) joint angles.
         shift_m: (T, 3) position of the root, in the axes in which the markers were given.
         rotation: (T, 3, 3) its axes.
-        known: (T, F + 6) 1 less the share of the prior variance that is left, of shift, turn and angles.
+        certainty: (T, F + 6) 1 less the share of the prior variance that is left, of shift, turn and angles.
     """
 
     angles: Array
     shift_m: Array
     rotation: Array
-    known: Array
+    certainty: Array
 
 
 def fit_poses(tree: Tree, xyz_m: Array, sd_m: Array, *, root: tuple[float, float] = (1.0, 1.0)) -> FittedPoses:

@@ -14,7 +14,7 @@ from eal.over_time import OverTime
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class RatePoints:
     """Of which points and pairs of points a smoother is to keep the joint covariance.
 
     Attributes:
@@ -146,15 +146,15 @@ def without_rates(names: Sequence[str], t_s: Array, xyz_m: Array, cov_m2: Array,
     )
 
 
-def with_means(motion: Motion, asked: Asked) -> Motion:
+def with_means(motion: Motion, rate_points: RatePoints) -> Motion:
     """A motion with the means that are asked for, of markers that it has.
 
     Means that it has by the same name and weights are not told from others of that name: all are made anew, with the
     covariances that it has between markers; where these are not known, the markers are taken for independent.
     """
-    weights = asked.all_weights
+    weights = rate_points.all_weights
     count = weights.shape[1]
-    index = [motion.index(name) for name in asked.names[:count]]
+    index = [motion.index(name) for name in rate_points.names[:count]]
     x, v = motion.xyz_m[:, index], motion.velocity_m_s[:, index]
     own = [motion.own[:, index]]
     measured = [motion.measured[:, index]]
@@ -171,7 +171,7 @@ def with_means(motion: Motion, asked: Asked) -> Motion:
     new = {old: i for i, old in enumerate(index)}
     inside = [i for i, (a, b) in enumerate(motion.pairs.tolist()) if a in new and b in new]
     return Motion(
-        names=asked.names,
+        names=rate_points.names,
         t_s=motion.t_s,
         xyz_m=np.concatenate(means_x, axis=1),
         velocity_m_s=np.concatenate(means_v, axis=1),

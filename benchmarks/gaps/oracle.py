@@ -68,7 +68,7 @@ def truth_in(shapes: Shapes, poses: PoseTrial) -> Shapes:
         z=[found],
         rate=[rate],
         acceleration=[np.gradient(rate, poses.dt_s, axis=0)],
-        known=[share],
+        certainty=[share],
         offset=shapes.offset[-1:],
         offset_sd=shapes.offset_sd[-1:],
         residual=[poses.y - own.mean - found @ own.basis.T],

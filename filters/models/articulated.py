@@ -292,7 +292,7 @@ def learn_articulated(
     ]
     shapes = shapes_of(turned, ranks=pose.ranks)
     wide = learn_pose(turned, replace(pose, potential="none"), shapes=shapes)
-    held = _potentials(build, arms, tree_anatomy, wide, turned, shapes, pose)
+    potentials = _potentials(build, arms, tree_anatomy, wide, turned, shapes, pose)
     sd, own = _skin(left, noise, tree), wide.subspace
     counts = np.repeat([len(axes) for axes in build.axes], [len(axes) for axes in build.axes])
     subspace = PoseSubspace(
@@ -300,15 +300,15 @@ def learn_articulated(
         basis=own.basis[columns],
         residual_sd=own.residual_sd[columns] * np.sqrt(3 / counts),  # of three columns a joint some are empty
     )
-    known = {f.name: getattr(wide, f.name) for f in fields(PoseMotion) if f.init}
+    values = {f.name: getattr(wide, f.name) for f in fields(PoseMotion) if f.init}
     model = ArticulatedMotion(
-        **known
+        **values
         | {
             "name": "articulated",
             "farthest": ArticulatedMotion.farthest,
             "subspace": subspace,
             "residual_rate_hz": wide.residual_rate_hz[columns],
-            "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
+            "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in potentials),
             "tree": tree,
             "arm_m": arms,
             "ends": np.stack([build.centre, build.child], axis=1),
@@ -406,7 +406,7 @@ def _samples(fitted: FittedPoses, arms: Array, columns: NDArray[np.int64], width
     """(T, 3J) angles in arc length, NaN where not known; three columns a joint, of which it may leave some at 0."""
     out = np.zeros((len(fitted.angles), width))
     # a sample where the frame leaves 3 % of the variance of a radian: 10 degrees
-    out[:, columns] = np.where(fitted.known[:, 6:] > 0.97, fitted.angles * arms, np.nan)
+    out[:, columns] = np.where(fitted.certainty[:, 6:] > 0.97, fitted.angles * arms, np.nan)
     return out
 
 
@@ -442,6 +442,6 @@ def _potentials(
         tau_s = motion.tau_s if "motion" in settings.potential else None
         learn = partial(settings.pull, rate=WEIGHT / motion.tau_s)
         joints = [(len(build.axes[joint[c]]), float(arm[joint[c]])) for c in limb.children if len(build.axes[joint[c]])]
-        held = held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints)
-        out.append(replace(held, root=limb.parents[0], children=limb.children))
+        found = held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints)
+        out.append(replace(found, root=limb.parents[0], children=limb.children))
     return out

@@ -19,7 +19,7 @@ from mocap.filters.records import Estimate
 from mocap.filters.rigid import Completed, completed, find_bodies
 from mocap.filters.size import sized_like
 from mocap.filters.track import smooth
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -96,19 +96,19 @@ class FittedMotion:
     rigid: Completed | None = None
 
     def fill(
-        self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
+        self, observations: Observations, *, rate_points: RatePoints | None = None, progress: Progress | None = None
     ) -> Estimate:
         """Estimate the markers of the last trial: filter forward, smooth backward.
 
         Args:
             observations: What each of its frames shows.
-            asked: Points whose velocities and joint covariances are kept; None: of none.
+            rate_points: Points whose velocities and joint covariances are kept; None: of none.
             progress: Called with the share done.
         """
-        if self.rigid is None or not self.rigid.known.any():
-            return smooth(self.motion, observations, self.t_s, asked=asked, progress=progress)
+        if self.rigid is None or not self.rigid.filled.any():
+            return smooth(self.motion, observations, self.t_s, rate_points=rate_points, progress=progress)
         both = WithBodies(seen=observations, xyz_m=self.rigid.xyz_m, cov_m2=self.rigid.cov_m2)
-        found = smooth(self.motion, both, self.t_s, asked=asked, progress=progress)
+        found = smooth(self.motion, both, self.t_s, rate_points=rate_points, progress=progress)
         return replace(found, cov_m2=self.rigid.with_lasting(found.xyz_m, found.cov_m2, observations))
 
 
@@ -143,12 +143,12 @@ def estimate(
     trials: TrialSet,
     observations: Observations,
     *,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Fit a model to trials and fill the last one; on one BLAS thread, which is faster than two at these sizes."""
     with one_blas_thread():
-        return model.fit(trials).fill(observations, asked=asked, progress=progress)
+        return model.fit(trials).fill(observations, rate_points=rate_points, progress=progress)
 
 
 def shares(progress: Progress | None, count: int) -> list[Progress | None]:

@@ -63,21 +63,21 @@ def fill_delayed(
     Returns:
         NaN where the trial has a measurement, and where there is nothing to estimate from.
     """
-    known, frames = Delayed(trials, shapes), trials[-1].frames
-    law = Covariance.of(np.array(covariance)) if covariance else known.covariance()
+    delayed, frames = Delayed(trials, shapes), trials[-1].frames
+    law = Covariance.of(np.array(covariance)) if covariance else delayed.covariance()
     y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3, 3), np.nan)
     alike: dict[tuple[int, bytes], list[Gap]] = {}
     for gap in gaps_of(seen):
         alike.setdefault((gap.marker, gap.others.tobytes()), []).append(gap)
     for gaps in alike.values():
         for k in range(0, len(gaps), TOGETHER):
-            known.fill(gaps[k : k + TOGETHER], law, y, spread)
-    track = known.poses[-len(seen) :]
+            delayed.fill(gaps[k : k + TOGETHER], law, y, spread)
+    track = delayed.poses[-len(seen) :]
     for gap in (gap for gaps in alike.values() for gap in gaps):
         m = gap.marker
         if np.isfinite(y[gap.inside, m]).all():
             path = np.where(seen[:, m, None], track[:, m], y[:, m])
-            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, 4.0 / known.tau)  # rad per unit
+            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, 4.0 / delayed.tau)  # rad per unit
     xyz = np.einsum("tij,tmj->tmi", frames.rotation, y) + frames.position_m[:, None]
     return Estimate(xyz_m=xyz, cov_m2=np.einsum("tij,tmjl,tkl->tmik", frames.rotation, spread, frames.rotation))
 
@@ -100,11 +100,11 @@ class Delayed:
         self.tau = radian(shapes) / trials[-1].dt_s
         self._lags = np.unique(np.round(LAGS * self.tau).astype(int))
         self._seen = np.concatenate([np.isfinite(trial.y[:, ::3]) for trial in trials])
-        known = known_shapes(shapes)
-        rows = [(k, frame) for k, mask in enumerate(known[:-1]) for frame in np.flatnonzero(mask)]
+        usable = known_shapes(shapes)
+        rows = [(k, frame) for k, mask in enumerate(usable[:-1]) for frame in np.flatnonzero(mask)]
         self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), 300)]  # at most
-        self._own = known[-1]
-        self._apart = _apart(self.poses[np.concatenate(known)])
+        self._own = usable[-1]
+        self._apart = _apart(self.poses[np.concatenate(usable)])
 
     def covariance(self) -> Covariance:
         """The covariance by which six sets of hidden markers are likeliest: one, a quarter, half of them; two each."""
@@ -132,9 +132,9 @@ class Delayed:
         frames = self._frames(marker, edges, rows=300, own=150)  # beside the edges of gaps
         if len(frames) < 2:
             return
-        asked = np.column_stack([np.full(len(inside), self._last), inside])
+        hidden_frames = np.column_stack([np.full(len(inside), self._last), inside])
         means, covs = [], []
-        for task in self._tasks(marker, others, frames, asked):
+        for task in self._tasks(marker, others, frames, hidden_frames):
             if others.any():
                 mean, left = predict(covariance, task.rows, task.values)
             else:  # nothing to look at: the mean, as wide as the motion
@@ -157,14 +157,14 @@ class Delayed:
         return np.concatenate([frames[_even(len(frames), rows)], last])
 
     def _tasks(
-        self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64], asked: NDArray[np.int64]
+        self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64], hidden: NDArray[np.int64]
     ) -> list["Task"]:
         """A marker known in some frames and asked for in others, seen from the body, and from three neighbours or more.
 
         It is regressed on delayed positions of the others, of which those that move with it weigh more. The ends of
         trials are held.
         """
-        both, n, apart = np.concatenate([frames, asked]), len(frames), self._apart[marker, others]
+        both, n, apart = np.concatenate([frames, hidden]), len(frames), self._apart[marker, others]
         poses, start = self._at(both), self._start[both[:, 0], None]
         delayed = self.poses[start + np.clip(both[:, 1:] + self._lags, 0, self._length[both[:, 0], None] - 1)]
         typical = max(float(np.median(apart)) if len(apart) else 1.0, 1e-12)

@@ -108,16 +108,16 @@ def with_lagrangian(
         valleys=found,
         strength_j=strength,
     )
-    known = {f.name: getattr(model, f.name) for f in fields(ArticulatedMotion) if f.init}
-    held = () if settings.potential == "limbs" else model.potentials
+    values = {f.name: getattr(model, f.name) for f in fields(ArticulatedMotion) if f.init}
+    potentials = () if settings.potential == "limbs" else model.potentials
     return LagrangianMotion(
-        **known
+        **values
         | {
             "name": "lagrangian",
             "subspace": PoseSubspace(mean=model.subspace.mean, basis=np.eye(count), residual_sd=np.zeros(count)),
             "shape_sd": 2 * np.sqrt(np.concatenate([np.diag(spread), np.diag(speed)])),
             "usual": None,
-            "potentials": tuple(_of_angles(one, basis) for one in held),
+            "potentials": tuple(_of_angles(one, basis) for one in potentials),
         },
         animal=animal,
         white=np.linalg.cholesky(_symmetric(white)),
@@ -150,11 +150,11 @@ def _unseen(limb: PosePotential) -> Array:
     return unseen_potential(limb.samples, over=lambda inner: replace(kernel, kernel=inner))
 
 
-def _of_angles(held: PosePotential, basis: Array) -> PosePotential:
+def _of_angles(limb: PosePotential, basis: Array) -> PosePotential:
     """A potential of what a subspace and residuals do together, as a function of all angles and their rates."""
-    moving = held.on_shape[:, basis.shape[1] :] @ np.linalg.pinv(basis)
-    on_shape, on_residual = np.hstack([held.on_residual, moving]), held.on_residual[:, :0]
-    return replace(held, on_shape=on_shape, on_residual=on_residual, children=())
+    moving = limb.on_shape[:, basis.shape[1] :] @ np.linalg.pinv(basis)
+    on_shape, on_residual = np.hstack([limb.on_residual, moving]), limb.on_residual[:, :0]
+    return replace(limb, on_shape=on_shape, on_residual=on_residual, children=())
 
 
 def _whole(cov: Array, basis: Array, own: Array) -> Array:

@@ -47,8 +47,8 @@ def limb_potentials(
         other = anatomy.mirrored(limb)
         if turn is not None and other is not None:
             maps.append(other.map(len(own.mean) // 3, turn))
-        held = held_together(maps, pose, rate, own, tau_s=tau_s if velocities else None, learn=learn)
-        out.append(replace(held, root=limb.parents[0], children=limb.children))
+        found = held_together(maps, pose, rate, own, tau_s=tau_s if velocities else None, learn=learn)
+        out.append(replace(found, root=limb.parents[0], children=limb.children))
     return tuple(out)
 
 

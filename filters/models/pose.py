@@ -224,17 +224,17 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
             )
         )
 
-    known = {power: likelihood(power) for power in (0, 1)}
-    step = 1 if known[1] > known[0] else -1
+    found = {power: likelihood(power) for power in (0, 1)}
+    step = 1 if found[1] > found[0] else -1
     best = max(step, 0)
     while abs(best + step) <= 4:  # factors of 4 to this power at most
-        known[best + step] = likelihood(best + step)
-        if known[best + step] <= known[best]:
+        found[best + step] = likelihood(best + step)
+        if found[best + step] <= found[best]:
             break
         best += step
-    if best - 1 not in known or best + 1 not in known:
+    if best - 1 not in found or best + 1 not in found:
         return 4.0**best
-    low, middle, high = (known[best + i] for i in (-1, 0, 1))
+    low, middle, high = (found[best + i] for i in (-1, 0, 1))
     bend = low - 2 * middle + high
     return float(4.0 ** (best + (0.5 * (low - high) / bend if bend < 0 else 0.0)))
 
@@ -315,13 +315,13 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     """
     if settings.potential == "none":
         return model
-    held = model.rank * (2 if "motion" in settings.potential else 1)
-    scale = np.repeat([1 / motion.unit, motion.tau_s / motion.unit], model.rank)[:held]
-    samples = np.column_stack([motion.z, motion.rate])[:, :held] * scale
+    size = model.rank * (2 if "motion" in settings.potential else 1)
+    scale = np.repeat([1 / motion.unit, motion.tau_s / motion.unit], model.rank)[:size]
+    samples = np.column_stack([motion.z, motion.rate])[:, :size] * scale
     potential = PosePotential(
-        mean=np.zeros(held),
-        on_shape=np.diag(scale) @ np.eye(held, 2 * model.rank),
-        on_residual=np.zeros((held, len(model.subspace.residual_sd))),
+        mean=np.zeros(size),
+        on_shape=np.diag(scale) @ np.eye(size, 2 * model.rank),
+        on_residual=np.zeros((size, len(model.subspace.residual_sd))),
         samples=samples,
         gradient=settings.pull(samples, rate=WEIGHT / motion.tau_s),
     )

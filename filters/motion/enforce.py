@@ -112,9 +112,9 @@ def enforce(state: Moments, terms: Sequence[Term], *, farthest: float = np.inf) 
     return after, [update]
 
 
-def informed(state: Smoothed, known: Moments) -> Smoothed:
+def informed(state: Smoothed, given: Moments) -> Smoothed:
     """A state that knows nothing of ``known``, moments of its first k components, conditioned on it."""
-    k, before = len(known.mean), Moments(state.mean, state.cov)
-    white = np.linalg.inv(np.linalg.cholesky(known.cov))
-    after, _ = condition(before, white, white @ before.cov[:k], white @ (known.mean - before.mean[:k]))
+    k, before = len(given.mean), Moments(state.mean, state.cov)
+    white = np.linalg.inv(np.linalg.cholesky(given.cov))
+    after, _ = condition(before, white, white @ before.cov[:k], white @ (given.mean - before.mean[:k]))
     return Smoothed(after.mean, after.cov, np.zeros_like(after.cov))

@@ -96,9 +96,9 @@ class Regression:
     @cached_property
     def _whitening(self) -> Array:
         """(T, M, 3, 3)."""
-        known = np.isfinite(self.xyz_m[..., 0])
+        finite = np.isfinite(self.xyz_m[..., 0])
         out = np.full_like(self.cov_m2, np.nan)
-        out[known] = np.linalg.inv(np.linalg.cholesky(self.cov_m2[known]))
+        out[finite] = np.linalg.inv(np.linalg.cholesky(self.cov_m2[finite]))
         return out
 
 
@@ -332,23 +332,23 @@ class PoseMotion(MotionModel):
         if self.regression is not None:
             which, xyz, whitening = self.regression.at(step.frame)
             if len(which):
-                known = np.ones((len(which), 3), dtype=bool)
+                every = np.ones((len(which), 3), dtype=bool)
 
                 def update(markers: Markers, shift: Array | None) -> tuple[Moments, Update]:
                     view = markers.view
                     here = (view.mean if shift is None else view.mean + shift)[which]
                     away = np.einsum("mji,mi->mj", whitening, xyz - here)
                     along = whitening if view.turn is None else whitening @ view.turn
-                    return markers.condition(along, away, known, which)
+                    return markers.condition(along, away, every, which)
 
                 state, done = self.conditioned(state, step.frame, update)
                 updates.append(done)
         terms = []
-        for held, rows in zip(self.potentials, self._rows, strict=True):
+        for limb, rows in zip(self.potentials, self._rows, strict=True):
             coordinates = Coordinates(
-                held.mean + rows @ state.mean[: rows.shape[1]], rows, rows @ state.cov[: rows.shape[1]]
+                limb.mean + rows @ state.mean[: rows.shape[1]], rows, rows @ state.cov[: rows.shape[1]]
             )
-            pull = partial(_scaled, held.gradient, step.dt_s)
+            pull = partial(_scaled, limb.gradient, step.dt_s)
             terms.append(potential_term(pull, coordinates, least_sd=0.05))  # not along what is known to 5 %
         if self.bones is not None:
             markers = Markers(state, View(self._pose(state.mean), self.subspace.basis, self.chains))  # in the body
@@ -359,7 +359,7 @@ class PoseMotion(MotionModel):
     @cached_property
     def _rows(self) -> tuple[Array, ...]:
         """How the coordinates of each potential change with the state."""
-        return tuple(held.rows(self.chains) for held in self.potentials)
+        return tuple(limb.rows(self.chains) for limb in self.potentials)
 
     def moved(self, means: Array, residual: Array) -> Array:  # noqa: ARG002
         """(S, M, 3) by how much markers move in the axes of the root, of states (S, n), for changes (S, D) of e."""

@@ -11,7 +11,7 @@ from mocap.audit.samples import jump_findings, pixel_findings, point_findings, s
 from mocap.audit.stored import stored_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.origin import PixelOrigin, StatedOrigin, decide_origin
+from mocap.cameras.origin import OriginOptions, PixelOrigin, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 from mocap.findings import Finding, alarms
@@ -83,7 +83,7 @@ def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:
     return len(pixels.cameras) == len(cameras) > 1 and bool((pixels.seen.sum(axis=0) >= 2).any())
 
 
-def audit_recording(recording: FileContents, origin: StatedOrigin = StatedOrigin()) -> list[Finding]:  # noqa: B008
+def audit_recording(recording: FileContents, origin: OriginOptions = OriginOptions()) -> list[Finding]:  # noqa: B008
     """All checks of a file, or of files that belong together; alarms first.
 
     Lengths are judged only where their unit is known.

@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap.audit import audit_recording
 from mocap.cameras.camera import check_cameras, stacked, undistorted
-from mocap.cameras.origin import StatedOrigin, decide_origin
+from mocap.cameras.origin import OriginOptions, decide_origin
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.contents import FileContents, summary
 from mocap.io.format import Hints
@@ -27,7 +27,7 @@ def inspect(
     *,
     fps: float | None = None,
     unit: str | None = None,
-    origin: StatedOrigin | None = None,
+    origin: OriginOptions | None = None,
 ) -> list[dict[str, Any]]:
     """A summary of each file, with the findings of its reader and of the audit.
 
@@ -37,7 +37,7 @@ def inspect(
     pixels and coefficients.
     """
     found, recordings = [], []
-    corners = origin or StatedOrigin()
+    corners = origin or OriginOptions()
     for path in files:
         name = None
         try:
@@ -64,7 +64,7 @@ def inspect(
     return found
 
 
-def _audited(found: dict[str, Any], recording: FileContents, corners: StatedOrigin) -> dict[str, Any]:
+def _audited(found: dict[str, Any], recording: FileContents, corners: OriginOptions) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
     refused = False
     try:
@@ -85,7 +85,7 @@ def _audited(found: dict[str, Any], recording: FileContents, corners: StatedOrig
     return found
 
 
-def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners: StatedOrigin) -> None:
+def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners: OriginOptions) -> None:
     if (compared := _two_calibrations(recordings)) is not None:
         found["findings"].append(compared)
         return

@@ -220,8 +220,8 @@ class _Part:
         tried = sorted(
             ((self.median(c, np.ones(2), few), i, c) for i, c in enumerate(_changes(n))), key=lambda t: t[:2]
         )
-        known = all(c.size_px is not None for c in self.cameras)
-        refined = [(*_refined(self.median, change, known, few), change) for _, _, change in tried[:6]]
+        sized = all(c.size_px is not None for c in self.cameras)
+        refined = [(*_refined(self.median, change, sized, few), change) for _, _, change in tried[:6]]
         fit = min(residual for residual, _, _ in refined)
         alike = sorted((t for t in refined if t[0] < 1.5 * fit), key=lambda t: (_count(t[2]), t[0]))
         best, stretch, change = alike[0]
@@ -306,12 +306,12 @@ def _changed(uv: Array, kind: str, size: Array) -> Array:
     return out
 
 
-def _refined(median: Callable[..., float], change: _Change, known: bool, step: int) -> tuple[float, Array]:
+def _refined(median: Callable[..., float], change: _Change, sized: bool, step: int) -> tuple[float, Array]:
     """The residual of a change at the best image size near the one assumed, and that size's factors (2,)."""
     from scipy.optimize import minimize_scalar
 
     stretch = np.ones(2)
-    if known:
+    if sized:
         return median(change, stretch), stretch
     used = "".join(change.kinds)
     for axis, names in enumerate((("u", "W"), ("v", "H"))):

@@ -32,7 +32,7 @@ class OriginError(CalibrationError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatedOrigin:
+class OriginOptions:
     """What the user states about corners.
 
     Attributes:

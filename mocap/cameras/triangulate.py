@@ -222,14 +222,14 @@ def linear(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> A
     """
     shape, n_cameras = uv_px.shape[1:-1], len(uv_px)
     seen = np.isfinite(uv_px).all(axis=-1).reshape(n_cameras, -1)
-    known = np.flatnonzero(np.count_nonzero(seen, axis=0) >= 2)
+    points = np.flatnonzero(np.count_nonzero(seen, axis=0) >= 2)
     last, depth = matrices[:, 2:, 3:], np.linalg.norm(matrices[:, 2:, :3], axis=-1, keepdims=True)
     scaled = matrices / np.where(np.abs(last) > 1e-9 * depth, last, depth)
     flat = uv_px.reshape(n_cameras, -1, 2)
     scale = None if relative is None else np.broadcast_to(relative, uv_px.shape[:-1]).reshape(n_cameras, -1)
     out = np.full((seen.shape[1], 3), np.nan)
-    for block in in_blocks(n_cameras, len(known)):
-        some = known[block]
+    for block in in_blocks(n_cameras, len(points)):
+        some = points[block]
         there = seen[:, some]
         uv = np.where(there[:, None], points_last(flat[:, some]), 0.0)
         weight = there.astype(float) if scale is None else there / scale[:, some] ** 2
@@ -300,12 +300,12 @@ def refine(
     """
     shape, n_cameras = xyz_m.shape[:-1], len(uv_px)
     start = xyz_m.reshape(-1, 3)
-    known = np.flatnonzero(np.isfinite(start[:, 0]))
+    located = np.flatnonzero(np.isfinite(start[:, 0]))
     flat = uv_px.reshape(n_cameras, -1, 2)
     sd = np.broadcast_to(np.asarray(sd_px, dtype=float), uv_px.shape[:-1]).reshape(n_cameras, -1)
     points, cov = np.full_like(start, np.nan), np.full((len(start), 3, 3), np.nan)
-    for block in in_blocks(n_cameras, len(known)):
-        some = known[block]
+    for block in in_blocks(n_cameras, len(located)):
+        some = located[block]
         uv = points_last(flat[:, some])
         weight = np.where(np.isfinite(uv[:, 0]), 1 / sd[:, some] ** 2, 0.0)
         x, normal = _descended(matrices, np.nan_to_num(uv), weight, start[some].T.copy(), iterations)

@@ -169,9 +169,9 @@ def _relative_residuals(matrices: Array, uv_px: Array, xyz_m: Array, relative: A
     problem = linearise(matrices, uv_px.reshape(len(uv_px), -1, 2), xyz_m.reshape(-1, 3))
     found = fit(problem, (1 / relative**2).reshape(len(uv_px), -1))
     redundancy = found.redundancy.reshape(uv_px.shape[:3])
-    known = redundancy > 0.1
+    redundant = redundancy > 0.1
     residual = found.residual.reshape(uv_px.shape) / relative[..., None]
-    return np.where(known[..., None], residual, 0.0), np.where(known, redundancy, 0.0)
+    return np.where(redundant[..., None], residual, 0.0), np.where(redundant, redundancy, 0.0)
 
 
 def _at_lag(residual: Array, redundancy: Array, lag: int) -> tuple[Array, Array]:

@@ -147,11 +147,11 @@ def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int) -> tupl
 def _filled(values: Array) -> Array:
     """(C, T) with NaN replaced by the nearest known value of the row; a row without any takes the median of all."""
     out = np.full(values.shape, np.nanmedian(values) if np.isfinite(values).any() else 1.0)
-    for row, known in zip(out, values, strict=True):
-        at = np.flatnonzero(np.isfinite(known))
+    for row, value in zip(out, values, strict=True):
+        at = np.flatnonzero(np.isfinite(value))
         if len(at):
-            nearest = np.searchsorted((at[1:] + at[:-1]) / 2, np.arange(len(known)))
-            row[:] = known[at[nearest]]
+            nearest = np.searchsorted((at[1:] + at[:-1]) / 2, np.arange(len(value)))
+            row[:] = value[at[nearest]]
     return np.asarray(out, dtype=np.float64)
 
 
@@ -169,8 +169,8 @@ def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Arr
     relative = level / good[:, None] / shared
     factor = np.ones(level.shape)
     for camera, row in enumerate(relative):
-        known = np.isfinite(row)
-        if not known.any():
+        finite = np.isfinite(row)
+        if not finite.any():
             continue
         all_over, miss = _filled(row[None])[0], miss_px[camera]
         runs = list[tuple[int, int]]()
@@ -178,7 +178,7 @@ def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Arr
             joins = bool(runs) and start - runs[-1][1] <= 2 * SHORTEST
             runs = [*runs[:-1], (runs[-1][0], stop)] if joins else [*runs, (start, stop)]
         for start, stop in runs:
-            inside = row[start:stop][known[start:stop]]
+            inside = row[start:stop][finite[start:stop]]
             sudden = max(_step(miss, seen, start), _step(miss[::-1], seen[:, ::-1], len(row) - stop))
             if np.count_nonzero(inside > BAD) >= SHORTEST and sudden > WORSE:
                 factor[camera, start:stop] = np.maximum(all_over[start:stop], 1.0)
@@ -212,8 +212,8 @@ def _others(values: Array) -> Array:
     out = np.full(values.shape, np.nan)
     for camera in range(len(values)):
         rest = np.delete(values, camera, axis=0)
-        known = np.isfinite(rest).any(axis=0)
-        out[camera, known] = np.nanmedian(rest[:, known], axis=0)
+        finite = np.isfinite(rest).any(axis=0)
+        out[camera, finite] = np.nanmedian(rest[:, finite], axis=0)
     return out
 
 

@@ -87,9 +87,9 @@ def speed_limits(xyz_m: Array, t_s: Array) -> Array:
     speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / np.diff(t_s)[:, None]
     limits = np.full(xyz_m.shape[1], np.nan)
     for marker, column in enumerate(speed.T):
-        known = column[np.isfinite(column)]
-        if len(known) >= 10:
-            limits[marker] = 6.0 * np.quantile(known, 0.9)
+        finite = column[np.isfinite(column)]
+        if len(finite) >= 10:
+            limits[marker] = 6.0 * np.quantile(finite, 0.9)
     return limits
 
 
@@ -176,8 +176,8 @@ def stretched(xyz_m: Array, bones: NDArray[np.int64]) -> Mask:
     if not len(bones):
         return out
     length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
-    known = np.isfinite(length).sum(axis=0) >= 10
-    bones, length = bones[known], length[:, known]
+    finite = np.isfinite(length).sum(axis=0) >= 10
+    bones, length = bones[finite], length[:, finite]
     if not len(bones):
         return out
     median = np.nanmedian(length, axis=0)
@@ -206,9 +206,9 @@ def off_course(xyz_m: Array) -> Array:
     padded = np.pad(xyz_m, ((2, 2), (0, 0), (0, 0)), constant_values=np.nan)
     n = len(xyz_m)
     neighbours = np.stack([padded[i : i + n] for i in (0, 1, 3, 4)])
-    known = np.isfinite(neighbours[..., 0]).any(axis=0)
+    finite = np.isfinite(neighbours[..., 0]).any(axis=0)
     middle = np.full_like(xyz_m, np.nan)
-    middle[known] = np.nanmedian(neighbours[:, known], axis=0)
+    middle[finite] = np.nanmedian(neighbours[:, finite], axis=0)
     return np.nan_to_num(np.linalg.norm(xyz_m - middle, axis=-1))
 
 
@@ -229,9 +229,9 @@ def position_sd(xyz_m: Array) -> Array:
     size = np.abs(np.asarray(np.diff(xyz_m[..., varying(xyz_m)], n=4, axis=0))) / np.sqrt(70)
     sd: Array = np.full(xyz_m.shape[1], np.nan)
     for marker in range(len(sd)):
-        known = size[:, marker][np.isfinite(size[:, marker])]
-        if len(known) >= 15:
-            near = known[known <= 5 * np.median(known) / 0.6745]
+        finite = size[:, marker][np.isfinite(size[:, marker])]
+        if len(finite) >= 15:
+            near = finite[finite <= 5 * np.median(finite) / 0.6745]
             sd[marker] = np.sqrt(np.mean(near**2))
     fallback = np.nanmedian(sd) if np.isfinite(sd).any() else 1e-3
     return np.broadcast_to(np.maximum(np.where(np.isfinite(sd), sd, fallback), 1e-6), xyz_m.shape[:2])

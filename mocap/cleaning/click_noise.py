@@ -65,21 +65,21 @@ def click_noise(
         The noise; None where no point is seen by two cameras.
     """
     count = np.isfinite(uv_px[..., 0]).sum(axis=0)
-    known = np.isfinite(xyz_m[..., 0]) & (count >= 2)
-    if not known.any():
+    finite = np.isfinite(xyz_m[..., 0]) & (count >= 2)
+    if not finite.any():
         return None
-    every = int(np.ceil(known.sum() / 4000))  # so many points, spread over the recording, are looked at
-    known.ravel()[np.delete(np.flatnonzero(known), slice(None, None, every))] = False
+    every = int(np.ceil(finite.sum() / 4000))  # so many points, spread over the recording, are looked at
+    finite.ravel()[np.delete(np.flatnonzero(finite), slice(None, None, every))] = False
     n_cameras, _, n_markers = uv_px.shape[:3]
-    marker = np.nonzero(known)[1]
-    worse = np.ones((n_cameras, len(marker))) if relative is None else relative[:, known]
-    problem = linearise(matrices, uv_px[:, known], xyz_m[known])
+    marker = np.nonzero(finite)[1]
+    worse = np.ones((n_cameras, len(marker))) if relative is None else relative[:, finite]
+    problem = linearise(matrices, uv_px[:, finite], xyz_m[finite])
     found = fit(problem, 1 / worse**2)
     rays = problem.seen > 0
     usual = rays & (worse <= 1.0)
     # of fewer cameras the reweighted point follows its best rays so closely that tails look heavier than they are
     # (3 for 10 with four cameras)
-    well = usual & (count[known] >= 5)
+    well = usual & (count[finite] >= 5)
     camera_factor, marker_factor = np.ones(n_cameras), np.ones(n_markers)
     dof = np.full(n_cameras, USUAL_DOF)
     squares = np.sum(found.residual**2, axis=-1) / worse**2

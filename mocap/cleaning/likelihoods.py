@@ -82,17 +82,17 @@ def likelihood_noise(matrices: Array, uv_px: Array, likelihood: Array) -> Likeli
     Returns:
         What was learned; None where fewer than 2 ``FEWEST`` clicks can be compared, or likelihoods do not vary.
     """
-    known = np.isfinite(uv_px[..., 0]) & np.isfinite(likelihood)
-    if len(matrices) < 3 or not known.any():
+    finite = np.isfinite(uv_px[..., 0]) & np.isfinite(likelihood)
+    if len(matrices) < 3 or not finite.any():
         return None
-    middle = float(np.median(likelihood[known]))
-    miss = _misses(matrices, uv_px, known & (likelihood >= middle))
-    tested = known & np.isfinite(miss)
+    middle = float(np.median(likelihood[finite]))
+    miss = _misses(matrices, uv_px, finite & (likelihood >= middle))
+    tested = finite & np.isfinite(miss)
     if np.count_nonzero(tested) < 2 * FEWEST or np.ptp(likelihood[tested]) == 0:
         return None
     value, off = likelihood[tested], miss[tested]
     reference = _scale(off[value >= middle]) if np.count_nonzero(value >= middle) >= FEWEST else _scale(off)
-    parts = _ranges(value, np.quantile(likelihood[known], SHARES))
+    parts = _ranges(value, np.quantile(likelihood[finite], SHARES))
     count = np.array([len(part) for part in parts], dtype=np.float64)
     at = np.array([value[part].mean() for part in parts])
     scale = np.exp(_falling(np.log([_scale(off[part]) for part in parts]), count))

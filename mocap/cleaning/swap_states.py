@@ -136,9 +136,9 @@ def _distances(xyz_m: Array, points: Array, pair: Pair) -> Array:
         usual = np.linalg.norm(xyz_m[:, [marker]] - xyz_m[:, others], axis=-1)
         now = np.linalg.norm(points[:, :, number, None] - xyz_m[:, None, others], axis=-1)  # (T, S, M - 2)
         for k, column in enumerate(usual.T):
-            if (known := usual_length(column)) is None:
+            if (centre := usual_length(column)) is None:
                 continue
-            median, sd = known
+            median, sd = centre
             seen = np.isfinite(now[..., k])
             off = np.where(seen, (np.nan_to_num(now[..., k]) - median) / sd, 0.0)
             total += np.where(seen, student_log(off**2, 1) - np.log(sd), 0.0)
@@ -150,8 +150,8 @@ def _drift(uv_px: Array) -> Array:
     """(C, T, 2) median motion of all clicks in each image since the frame before; 0 where unknown."""
     step = np.diff(uv_px, axis=1)
     out = np.zeros((*uv_px.shape[:2], 2))
-    known = np.isfinite(step[..., 0]).any(axis=2)
-    out[:, 1:][known] = np.nanmedian(step[known], axis=1)
+    finite = np.isfinite(step[..., 0]).any(axis=2)
+    out[:, 1:][finite] = np.nanmedian(step[finite], axis=1)
     return out
 
 

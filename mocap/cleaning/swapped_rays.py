@@ -59,7 +59,7 @@ def _clearest(rays: "_Rays") -> list[Swap]:
     camera, frame, a, b = rays.suspected_pairs()
     for c, t, i, j, value in zip(camera, frame, a, b, rays.gains(camera, frame, a, b), strict=True):
         gain.setdefault((int(c), int(i), int(j)), {})[int(t)] = float(value)
-    clear = {key: known for key, known in gain.items() if sum(v for v in known.values() if v > 0) > CHANGE + MARGIN}
+    clear = {key: frames for key, frames in gain.items() if sum(v for v in frames.values() if v > 0) > CHANGE + MARGIN}
     runs = [run for key, all_of in rays.completed(clear).items() for run in _runs(key, all_of, rays.seen[key[0]])]
     return clearest(runs, rays.seen.shape[1:])[0]
 
@@ -125,14 +125,14 @@ class _Rays:
             for frame in np.flatnonzero(many):
                 who = np.flatnonzero(self.suspect[camera, frame])
                 uv, at = self.uv[camera, frame], self.at[camera, frame]
-                known = np.isfinite(at[:, 0])
+                finite = np.isfinite(at[:, 0])
                 to_other = np.linalg.norm(uv[who, None] - at, axis=-1)  # (ray, point)
                 own = self.miss[camera, frame, who] * self.relative[camera, frame, who]
                 fits = ~(to_other > 0.5 * own[:, None])  # NaN: not known, may fit
                 for i, marker in enumerate(who):
                     both = [int(m) for k, m in enumerate(who) if m > marker and fits[i, m] and fits[k, marker]]
                     alone = np.flatnonzero(
-                        ~self.seen[camera, frame] & known & (to_other[i] < 2 * FAR * self.sd) & fits[i]
+                        ~self.seen[camera, frame] & finite & (to_other[i] < 2 * FAR * self.sd) & fits[i]
                     )
                     for other in [*both, *alone.tolist()]:
                         out.append((camera, frame, min(marker, other), max(marker, other)))
@@ -168,9 +168,9 @@ class _Rays:
     def completed(self, gains: Mapping[Key, dict[int, float]]) -> dict[Key, Array]:
         """(T,) gains of each pair in its camera; in frames that were not suspected what the exchange would spoil."""
         out, todo = {}, {}
-        for key, known in gains.items():
+        for key, gain in gains.items():
             out[key], near = self._spoiled(key)
-            near[list(known)] = False
+            near[list(gain)] = False
             todo[key] = np.flatnonzero(near)
         rows = [np.full((len(frames), 4), (c, 0, a, b)) for (c, a, b), frames in todo.items()]
         camera, frame, a, b = np.concatenate([*rows, np.zeros((0, 4), dtype=np.int64)]).T

@@ -324,9 +324,9 @@ def bend_scales(xyz_m: Array) -> Array:
     size = np.linalg.norm(np.diff(xyz_m, n=2, axis=0), axis=-1)
     out = np.full(xyz_m.shape[1], np.inf)
     for marker, column in enumerate(size.T):
-        known = column[np.isfinite(column)]
-        if len(known) >= 10:
-            out[marker] = max(float(np.quantile(known, 0.9)) / 2.5, 1e-9)
+        finite = column[np.isfinite(column)]
+        if len(finite) >= 10:
+            out[marker] = max(float(np.quantile(finite, 0.9)) / 2.5, 1e-9)
     return out
 
 
@@ -440,18 +440,18 @@ def belonging(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], b
         outside = np.arange(ends[0] + 1) if end == 0 else np.arange(len(xyz_m) - 1, ends[1] - 1, -1)
         for name in (0, 1):
             way = name ^ int(state[end])
-            known = [int(t) for t in outside[seen[way, outside]][-2:]]
-            at = [xyz_m[t, way] for t in known]
+            frames = [int(t) for t in outside[seen[way, outside]][-2:]]
+            at = [xyz_m[t, way] for t in frames]
             for t in order[seen[name, order]]:
-                if len(known) < 2:
+                if len(frames) < 2:
                     break
-                g, h = abs(known[-1] - known[-2]), abs(int(t) - known[-1])
+                g, h = abs(frames[-1] - frames[-2]), abs(int(t) - frames[-1])
                 off = xyz_m[t, name] - at[-1] - (at[-1] - at[-2]) * h / g
                 limit = min(5 * np.sqrt(3) * bend_m[way] * h * (g + h) / 2, half)
                 if h > STEP or np.linalg.norm(off) > limit:
                     break
                 reached[end, name, t] = True
-                known, at = [known[-1], int(t)], [at[-1], xyz_m[t, name]]
+                frames, at = [frames[-1], int(t)], [at[-1], xyz_m[t, name]]
     out = np.zeros((2, len(xyz_m)), dtype=np.int64)
     out[:, between] = np.where(
         seen[:, between], np.where(reached[1] == reached[0], -1, reached[state[1]])[:, between], 0
@@ -467,11 +467,11 @@ def student_log(squares: Array, size: int) -> Array:
 
 def usual_length(length_m: Array) -> tuple[float, float] | None:
     """Median of (T,) lengths and its robust deviation, 5 % of it or more; None where fewer than ten are known."""
-    known = length_m[np.isfinite(length_m)]
-    if len(known) < 10:
+    finite = length_m[np.isfinite(length_m)]
+    if len(finite) < 10:
         return None
-    median = float(np.median(known))
-    return median, max(1.4826 * float(np.median(np.abs(known - median))), 0.05 * median, 1e-9)
+    median = float(np.median(finite))
+    return median, max(1.4826 * float(np.median(np.abs(finite - median))), 0.05 * median, 1e-9)
 
 
 def bone_lengths(xyz_m: Array, bones: Bones) -> list[BoneLength]:

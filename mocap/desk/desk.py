@@ -153,12 +153,12 @@ class Desk:
         swap = None
         try:
             recording = trial.recording()
-            found += [*recording.findings, *recording.told]
+            found += [*recording.findings, *recording.readings]
             if recording.pixels is not None and len(recording.cameras) > 1:
                 video = with_ideal_pixels(recording)
                 assert video.rows is not None
                 assert video.pixels is not None
-                found += [*video.told, *audit_points(video)[1]]
+                found += [*video.readings, *audit_points(video)[1]]
                 found += audit.audit_filmed(video.cameras, video.pixels, video.ideal_px, video.rows)
             elif recording.pixels is not None:
                 found += audit.pixel_findings(recording.pixels)

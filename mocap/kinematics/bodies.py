@@ -138,8 +138,8 @@ def joint_frames(parent: Pose, child: Pose, axes: JointAxes) -> JointFrames:
     """
     if axes.functional is not None:
         found = functional_joint(parent, child, axes.functional)
-        known = np.isfinite(parent.rotation).all(axis=(1, 2)) & np.isfinite(child.rotation).all(axis=(1, 2))
-        both = np.swapaxes(parent.rotation[known], 1, 2) @ child.rotation[known]
+        finite = np.isfinite(parent.rotation).all(axis=(1, 2)) & np.isfinite(child.rotation).all(axis=(1, 2))
+        both = np.swapaxes(parent.rotation[finite], 1, 2) @ child.rotation[finite]
         first, second = frames_of(found, nearest_rotation(both.sum(axis=0, keepdims=True))[0])
         note = f"centre known to {1e3 * np.sqrt(np.mean(found.centre_sd_m**2)):.2g} mm"
         if axes.functional == "hinge":
@@ -151,7 +151,7 @@ def joint_frames(parent: Pose, child: Pose, axes: JointAxes) -> JointFrames:
         mean = "axes that coincide in the mean pose, the world's as the parent lies"
         return JointFrames(((np.nanmean(way, axis=0), np.eye(3)), (np.zeros(3), np.eye(3))), mean)
     (first, off), (second, off_too) = (
-        _stated(pose, part) for pose, part in ((parent, axes.parent), (child, axes.child))
+        _axes_of(pose, part) for pose, part in ((parent, axes.parent), (child, axes.child))
     )
     worst = 1e3 * max(off, off_too)
     return JointFrames(
@@ -159,7 +159,7 @@ def joint_frames(parent: Pose, child: Pose, axes: JointAxes) -> JointFrames:
     )
 
 
-def _stated(pose: Pose, part: tuple[Line, Line] | Places) -> tuple[tuple[Array, Array], float]:
+def _axes_of(pose: Pose, part: tuple[Line, Line] | Places) -> tuple[tuple[Array, Array], float]:
     """Origin and axes of one body, and by how much (m, rms) its markers miss the places that state them."""
     own = dict(zip(pose.points.names, pose.place_m, strict=True))
     if isinstance(part, tuple):

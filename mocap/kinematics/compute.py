@@ -21,7 +21,7 @@ from mocap.kinematics.delta import (
     of_velocity,
     with_rates,
 )
-from mocap.kinematics.points import BODY, MASS, asked_for
+from mocap.kinematics.points import BODY, MASS, rate_points_for
 from mocap.kinematics.records import Kinematics, Quantity
 from mocap.kinematics.stroke import stroke_quantities
 from mocap.measures import AXES, SEQUENCE, JointAxes
@@ -38,12 +38,12 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
     state's velocities from the frame before to the frame after, with the covariance of these.
     """
     if BODY not in motion.names:
-        motion = with_means(motion, asked_for(motion.names, skeleton, n_frames=len(motion.t_s)))
+        motion = with_means(motion, rate_points_for(motion.names, skeleton, n_frames=len(motion.t_s)))
     up = np.array(AXES[skeleton.measures.up])
     found, notes = list(_joints(motion, skeleton)), list[str]()
     for joint in skeleton.body_joints:
-        six, said = joint_quantities(motion, skeleton, joint)
-        found, notes = found + six, notes + said
+        six, reasons = joint_quantities(motion, skeleton, joint)
+        found, notes = found + six, notes + reasons
     found += _body(motion, skeleton, up)
     if MASS in motion.names:
         found += point_quantities(motion, MASS, kind="mass")

@@ -39,8 +39,8 @@ class Points:
     def of(cls, motion: Motion, names: Sequence[str]) -> "Points":
         """Points by name."""
         index = [motion.index(name) for name in names]
-        cov, known = motion.joint(index)
-        return cls(motion, tuple(names), motion.xyz_m[:, index], motion.velocity_m_s[:, index], cov, known)
+        cov, joint_known = motion.joint(index)
+        return cls(motion, tuple(names), motion.xyz_m[:, index], motion.velocity_m_s[:, index], cov, joint_known)
 
     @cached_property
     def rests(self) -> NDArray[np.int8]:

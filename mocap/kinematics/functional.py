@@ -44,13 +44,13 @@ def functional_joint(parent: Pose, child: Pose, kind: str) -> FunctionalJoint:
     Raises:
         MocapError: both are seen together in too few frames.
     """
-    known = np.isfinite(parent.rotation).all(axis=(1, 2)) & np.isfinite(child.rotation).all(axis=(1, 2))
-    if known.sum() < 2 * MOST:
+    finite = np.isfinite(parent.rotation).all(axis=(1, 2)) & np.isfinite(child.rotation).all(axis=(1, 2))
+    if finite.sum() < 2 * MOST:
         raise MocapError(
-            f"{known.sum()} frames show both bodies with three markers: a functional {kind} needs {2 * MOST} at least"
+            f"{finite.sum()} frames show both bodies with three markers: a functional {kind} needs {2 * MOST} at least"
         )
-    one, two = parent.rotation[known], child.rotation[known]
-    way = child.position_m[known] - parent.position_m[known]
+    one, two = parent.rotation[finite], child.rotation[finite]
+    way = child.position_m[finite] - parent.position_m[finite]
     shrunk = [np.linalg.inv(_mean_turn(pose)) for pose in (parent, child)]
     each = (
         np.ones(len(way)),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from itertools import combinations
 
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 from mocap.kinematics.distal import Distal, distal_parts
 from mocap.measures import Segment
 from mocap.skeleton import Skeleton
@@ -12,7 +12,7 @@ BODY, MASS = "body", "centre_of_mass"
 """Means of the markers of the trunk, and of all segments by their masses."""
 
 
-def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Asked:
+def rate_points_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> RatePoints:
     """All that the quantities of a skeleton need."""
     body = skeleton.trunk or names
     weights = [tuple(1 / len(body) if name in body else 0.0 for name in names)]
@@ -36,7 +36,7 @@ def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Ask
         more = [*pairs, *sorted(found - set(pairs))]
         if 4 * 36 * len(more) * n_frames <= 4e8:  # of longer recordings covariances of joints alone
             pairs = more
-    return Asked(names=(*names, *means), weights=tuple(weights), pairs=tuple(pairs))
+    return RatePoints(names=(*names, *means), weights=tuple(weights), pairs=tuple(pairs))
 
 
 def measured_sets(skeleton: Skeleton) -> list[tuple[str, ...]]:

@@ -38,14 +38,14 @@ def pose_of(motion: Motion, markers: Sequence[str]) -> Pose:
     seen = np.isfinite(points.x[..., 0])
     place = trunk_shape(points.x)
     place -= place.mean(axis=0)
-    rotation, position, known = aligned(np.where(seen[..., None], points.x, 0.0), seen, place)
-    rotation[~known], position[~known] = np.nan, np.nan
-    mean = nearest_rotation(rotation[known].sum(axis=0, keepdims=True))[0] if known.any() else np.eye(3)
+    rotation, position, posed = aligned(np.where(seen[..., None], points.x, 0.0), seen, place)
+    rotation[~posed], position[~posed] = np.nan, np.nan
+    mean = nearest_rotation(rotation[posed].sum(axis=0, keepdims=True))[0] if posed.any() else np.eye(3)
     rotation, place = rotation @ mean.T, place @ mean.T
     left = points.x - position[:, None] - place @ np.swapaxes(rotation, 1, 2)
     free = 3 * place.shape[0] / (3 * place.shape[0] - 6)
     size = 6 * place.shape[0]
-    stated = np.diagonal(points.cov, axis1=1, axis2=2).reshape(-1, size // 6, 6)[..., :3]
-    noise = float(free * np.nanmean(left**2)) if known.any() else 0.0
-    slip = max(noise - float(np.nanmean(stated)), 0.0) if known.any() else 0.0
+    noise_m2 = np.diagonal(points.cov, axis1=1, axis2=2).reshape(-1, size // 6, 6)[..., :3]
+    noise = float(free * np.nanmean(left**2)) if posed.any() else 0.0
+    slip = max(noise - float(np.nanmean(noise_m2)), 0.0) if posed.any() else 0.0
     return Pose(points, place, rotation, position, noise, slip)

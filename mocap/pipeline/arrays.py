@@ -108,12 +108,12 @@ def from_pixels(
     if likelihood is not None:
         score = _numbers(likelihood, "likelihood", contents.seen.shape, "cameras, frames, markers")
         contents = replace(contents, score=score)
-    rig, stated, told = _cameras(cameras, unit)
+    rig, own_unit, readings = _cameras(cameras, unit)
     check_rig(contents, rig, name, "`cameras`")
-    if stated is not None:
-        contents = replace(contents, unit=stated)
+    if own_unit is not None:
+        contents = replace(contents, unit=own_unit)
     return replace(
-        _recording(contents, rig, told, name=name, fps=fps, unit=None, skeleton=skeleton),
+        _recording(contents, rig, readings, name=name, fps=fps, unit=None, skeleton=skeleton),
         pixel_origin=origin,
         calibration_origin=calibration_origin,
         image_height_px=image_height_px,
@@ -126,7 +126,7 @@ def from_pixels(
 def _recording(
     contents: FileContents,
     cameras: tuple[Camera, ...],
-    told: tuple[Finding, ...],
+    readings: tuple[Finding, ...],
     *,
     name: str,
     fps: float | None,
@@ -138,15 +138,15 @@ def _recording(
     if not contents.seen.any():
         raise FormatError(f"{name}: no marker is ever seen: all {contents.seen.size} samples are NaN")
     contents, findings = complete(plausible(contents), where=name, fps=fps, unit=unit)
-    known, names = animal(skeleton, contents.names)
+    animal_skeleton, names = animal(skeleton, contents.names)
     return Recording(
         name=name,
         data=dataset_of(contents.renamed(names)),
-        skeleton=known,
+        skeleton=animal_skeleton,
         cameras=cameras,
         calibration="`cameras`" if cameras else None,
         findings=findings,
-        told=told,
+        readings=readings,
         unusual=contents.remarks,
         usual_origin=contents.pixel_origin,
         unit=unit,
@@ -239,10 +239,10 @@ def _of_table(table: Any, where: Path, names: Sequence[str] | None) -> FileConte
     values = _numbers(flat[used].to_numpy(), "xyz", (None, 3 * len(order)), "frames, columns")
     time = next((title for title in TIMES if title in titles), None)
     t_s = None if time is None else _numbers(flat[time].to_numpy(), time, (None,), "frames")
-    fps, told = (None, []) if t_s is None else rate_of_times(where, t_s)
+    fps, notes = (None, []) if t_s is None else rate_of_times(where, t_s)
     frames = None if NUMBER not in titles else _numbers(flat[NUMBER].to_numpy(), NUMBER, (None,), "frames")
     left = [title for title in titles if title not in (*used, time, NUMBER)]
-    told += [f"columns that are not used: {', '.join(left[:8])}{', ...' if len(left) > 8 else ''}"] if left else []
+    notes += [f"columns that are not used: {', '.join(left[:8])}{', ...' if len(left) > 8 else ''}"] if left else []
     return point_recording(
         where,
         "table",
@@ -253,7 +253,7 @@ def _of_table(table: Any, where: Path, names: Sequence[str] | None) -> FileConte
         first=1 if frames is None else int(frames[0]),
         fps=fps,
         t_s=t_s,
-        findings=tuple(told),
+        findings=tuple(notes),
     )
 
 

@@ -163,13 +163,13 @@ def track_block(
     before, after = margin(seen[: core.start - first][::-1], dt_s), margin(seen[core.stop - first :], dt_s)
     start = core.start - before - first
     own = slice(before, before + len(core))
-    part = replace(around.at(slice(start, start + own.stop + after)), findings=(), told=(), stored=None)
+    part = replace(around.at(slice(start, start + own.stop + after)), findings=(), readings=(), stored=None)
     seen = seen[start : start + own.stop + after]
     cleaned = clean(part, first=first + start) if seen.any() else part
     if not cleaned.cleaned or not np.isfinite(cleaned.xyz_m[..., 0]).any():
         nowhere = marker_tracks(part.names, part.t_s, np.full((*seen.shape[-2:], 3), np.nan))
         empty = of_tracks(nowhere, part.skeleton, name=part.name, model=model)
-        empty = empty.with_motion(motion_of(nowhere, slice(0, 0), None, part.asked))
+        empty = empty.with_motion(motion_of(nowhere, slice(0, 0), None, part.rate_points))
         return empty, replace(empty, findings=cleaned.findings), own, {}
     posed = why_no_pose(seen_part(cleaned)) is None
     if not posed and NAMED[model].posed:

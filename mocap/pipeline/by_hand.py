@@ -117,8 +117,8 @@ def _placed(recording: Recording, edited: Recording) -> Array:
         in_step = audit.in_step(own, late)
         for c in np.flatnonzero(late):
             out[c], own[c] = (_moved(pixels[c], round(float(late[c]))) for pixels in (out, own))
-            known = np.isfinite(in_step[c] - own[c])
-            out[c] += np.where(known, in_step[c] - own[c], 0.0)
+            finite = np.isfinite(in_step[c] - own[c])
+            out[c] += np.where(finite, in_step[c] - own[c], 0.0)
     for bad in recording.bad_cameras:
         if bad.moved:
             out[bad.camera, bad.start : bad.stop] -= bad.offset_px

@@ -36,7 +36,7 @@ Told = Callable[[str], None]
 
 
 def from_pictures(
-    folder: Path, board: Board, *, world_frame: str | None, lens: str, known: Path | None, tell: Told
+    folder: Path, board: Board, *, world_frame: str | None, lens: str, calibration: Path | None, tell: Told
 ) -> tuple[tuple[Camera, ...], CalibrationReport]:
     """Images of a board to cameras, whose lenses are found or, from a calibration, held.
 
@@ -47,7 +47,7 @@ def from_pictures(
         raise CalibrationError(f"`lens` {lens!r} is not a lens model: give auto, {', '.join(CHOICES)}")
     choices = tuple(CHOICES) if lens == "auto" else (lens,)
     board, views = detect(pictures_of(folder), board, progress=tell)
-    lenses = None if known is None else {c.name: rig_lens(c) for c in read_calibration(known)}
+    lenses = None if calibration is None else {c.name: rig_lens(c) for c in read_calibration(calibration)}
     found = calibrate_boards(views, board, world_frame=world_frame, choices=choices, lenses=lenses, progress=tell)
     pairs = list(zip(found.cameras, found.intrinsics, found.f_sd_px, strict=True))
     rows = [
@@ -132,7 +132,7 @@ def from_wand(
         CalibrationError: whatever makes that impossible.
         FormatError: a file cannot be read.
     """
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     if file.suffix.lower() == ".mat":
         wand = read_easywand(file)
         lenses, sizes, wand_px, back_px = list(wand.lenses), list(wand.sizes_px), wand.wand_px, wand.background_px
@@ -142,7 +142,7 @@ def from_wand(
             raise CalibrationError(
                 f"{file.name}: a wand calibration needs the wand's length and the lenses: give `length_m` and `profile`"
             )
-        pixels, said = _pixels_of(file)
+        pixels, own_notes = _pixels_of(file)
         if len(pixels.names) != 2:
             raise FormatError(
                 f"{file.name}: contains {len(pixels.names)} points ({', '.join(pixels.names[:8])}); expected the two "
@@ -150,7 +150,7 @@ def from_wand(
             )
         with as_table(profile) as (lens_table, how):
             lenses, sizes = (list(x) for x in zip(*read_profile(lens_table), strict=True))
-        told += (*said, *_named(profile, how))
+        notes += (*own_notes, *_named(profile, how))
         wand_px = pixels.uv_px
         if len(lenses) != len(wand_px):
             raise CalibrationError(
@@ -159,8 +159,8 @@ def from_wand(
             )
         back_px = np.full((len(lenses), 0, 1, 2), np.nan)
     if background is not None:
-        back, said = _pixels_of(background)
-        back_px, told = back.uv_px, (*told, *said)
+        back, own_notes = _pixels_of(background)
+        back_px, notes = back.uv_px, (*notes, *own_notes)
     results: dict[str, WandCalibration] = {}
     for choice in MOVES[:3] if moves == "auto" else (moves,):
         try:
@@ -203,7 +203,7 @@ def from_wand(
         "from the "
         f"{'lower' if lower_left else 'upper'} left. If that is wrong, the world is mirrored: state `origin`.",
     ]
-    lines += ["", *(f"- {plain(t)}" for t in told)] if told else []
+    lines += ["", *(f"- {plain(t)}" for t in notes)] if notes else []
     numbers = {
         "method": "wand",
         "wand_score": number(best.score),
@@ -234,7 +234,7 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
         CalibrationError: too few points, or pixels that do not belong to them.
         FormatError: a file has other columns.
     """
-    (xyz_titles, xyz, said), (uv_titles, uv, also) = _numbers(points), _numbers(pixels)
+    (xyz_titles, xyz, notes), (uv_titles, uv, also) = _numbers(points), _numbers(pixels)
     _check_unit(points, xyz_titles, unit_m)
     xyz, uv = xyz[:, _order_of_points(xyz_titles)], uv[:, _order_of_pixels(uv_titles)]
     if xyz.shape[1] != 3:
@@ -276,7 +276,7 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
             f"NOTHING WAS CHECKED in {', '.join(unchecked)}: {CHECKED_FROM} different points are needed to leave "
             "out each in turn; a small RMS of fewer says nothing.",
         ]
-    lines += ["", *(f"- {plain(t)}" for t in (*said, *also))] if said or also else []
+    lines += ["", *(f"- {plain(t)}" for t in (*notes, *also))] if notes or also else []
     numbers = {
         "method": "dlt",
         "cameras": {
@@ -354,8 +354,8 @@ def _focal(f_px: float, sd_px: float) -> str:
 
 def _numbers(path: Path) -> tuple[list[str], Array, tuple[str, ...]]:
     """Titles (none without a line of them), numbers, and how the text of a table was read."""
-    with as_table(path) as (file, told):
-        return *read_table(file, header=has_titles(file)), _named(path, told)
+    with as_table(path) as (file, notes):
+        return *read_table(file, header=has_titles(file)), _named(path, notes)
 
 
 def _pixels_of(path: Path) -> tuple[PixelTracks, tuple[str, ...]]:
@@ -373,8 +373,8 @@ def _pixels_of(path: Path) -> tuple[PixelTracks, tuple[str, ...]]:
     return found.pixels, _named(path, found.assumed)
 
 
-def _named(path: Path, told: Sequence[str]) -> tuple[str, ...]:
-    return tuple(f"{path.name}: {sentence}" for sentence in told)
+def _named(path: Path, sentences_: Sequence[str]) -> tuple[str, ...]:
+    return tuple(f"{path.name}: {sentence}" for sentence in sentences_)
 
 
 def _check_unit(path: Path, titles: Sequence[str], unit_m: float) -> None:

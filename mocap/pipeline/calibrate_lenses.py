@@ -43,10 +43,10 @@ def lenses_from_pictures(
         _refuse(name, found, seen)
         tell(f"{name}: {found.choice} lens, f {found.lens.f_px[0]:.1f} ± {found.f_sd_px:.1f} px, {found.rms_px:.3f} px")
         fits[name] = found
-    known = tuple(
+    lenses = tuple(
         KnownLens(name=n, lens=f.lens, size_px=views[n].size_px, free=f.free, cov=f.cov) for n, f in fits.items()
     )
-    return known, _report(known, fits, views)
+    return lenses, _report(lenses, fits, views)
 
 
 def _distinct(seen: BoardViews) -> dict[str, Corners]:
@@ -135,9 +135,11 @@ def _refuse(name: str, found: Intrinsics, seen: BoardViews) -> None:
         )
 
 
-def _report(known: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict[str, BoardViews]) -> CalibrationReport:
+def _report(
+    lenses: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict[str, BoardViews]
+) -> CalibrationReport:
     rows, warned = [], []
-    for k in known:
+    for k in lenses:
         found, seen = fits[k.name], views[k.name]
         sd = k.sd
         rows.append(
@@ -162,7 +164,7 @@ def _report(known: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict
                 f"{reach[1] * 100:.0f} % of its height; outside of it the lens is extrapolated"
             )
     lines = [
-        f"# Lenses of {len(known)} cameras, each from its own images",
+        f"# Lenses of {len(lenses)} cameras, each from its own images",
         "",
         *table(
             [
@@ -197,7 +199,7 @@ def _report(known: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict
                 "missed": views[k.name].missed,
                 "held_out_px": {c: number(v) for c, v in fits[k.name].held_out_px.items()},
             }
-            for k in known
+            for k in lenses
         },
         "findings": warned,
     }

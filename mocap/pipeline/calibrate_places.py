@@ -40,23 +40,23 @@ def places_from_points(
     """
     if unit is not None and unit not in UNITS_M:
         raise CalibrationError(f"`unit` {unit!r}: expected m, cm or mm")
-    known = read_lenses(lenses)
-    with as_table(points) as (file, told):
+    own_lenses = read_lenses(lenses)
+    with as_table(points) as (file, table_notes):
         labels, xyz_m = read_scene(file, unit)
-    uv_px, also = _clicks(pixels, known, labels)
+    uv_px, also = _clicks(pixels, own_lenses, labels)
     if lower_left:
-        heights = [k.size_px[1] if k.size_px else None for k in known]
+        heights = [k.size_px[1] if k.size_px else None for k in own_lenses]
         if None in heights:
             raise CalibrationError("`origin` lower-left: the lenses do not state the height of the images")
         uv_px[..., 1] = np.array(heights, dtype=float)[:, None] - 1 - uv_px[..., 1]
     seen = [i for i, uv in enumerate(uv_px) if np.isfinite(uv).any()]
-    without = [known[i].name for i in range(len(known)) if i not in seen]
+    without = [own_lenses[i].name for i in range(len(own_lenses)) if i not in seen]
     if not seen:
         raise CalibrationError(f"{pixels.name}: no point was clicked: expected pixels of {', '.join(labels[:8])}")
-    places = place_cameras([known[i] for i in seen], xyz_m, uv_px[seen], labels=labels)
-    said = [f"{points.name}: {t}" for t in told] + also
-    said += [f"{n}: no point was clicked in its image, so it is left out" for n in without]
-    return _reported(places, [known[i] for i in seen], labels, xyz_m, uv_px[seen], said, "points")
+    places = place_cameras([own_lenses[i] for i in seen], xyz_m, uv_px[seen], labels=labels)
+    notes = [f"{points.name}: {t}" for t in table_notes] + also
+    notes += [f"{n}: no point was clicked in its image, so it is left out" for n in without]
+    return _reported(places, [own_lenses[i] for i in seen], labels, xyz_m, uv_px[seen], notes, "points")
 
 
 def places_from_board(
@@ -74,18 +74,18 @@ def places_from_board(
             "this checkerboard looks the same when turned by 180 degrees, so two cameras may start it at different "
             "corners: use one with an odd and an even number of inner corners, or a ChArUco board"
         )
-    known = {k.name: k for k in read_lenses(lenses)}
+    own_lenses = {k.name: k for k in read_lenses(lenses)}
     files = [p for p in sorted(folder.glob("*")) if p.suffix.lower() in KINDS and p.is_file()]
-    named = {p.stem: p for p in files if p.stem in known}
+    named = {p.stem: p for p in files if p.stem in own_lenses}
     pictures = {name: of_files({name: path}) for name, path in named.items()} or board_pictures(folder)
-    lost = [name for name in pictures if name not in known]
+    lost = [name for name in pictures if name not in own_lenses]
     if lost:
         raise CalibrationError(
-            f"{folder}: camera {lost[0]!r} has no known lens: there are {', '.join(known)}: name its images so"
+            f"{folder}: camera {lost[0]!r} has no known lens: there are {', '.join(own_lenses)}: name its images so"
         )
     board, views = detect(pictures, board, progress=tell)
     local = board.points()
-    uv_px, used, said = [], [], []
+    uv_px, used, notes = [], [], []
     for name, view in views.items():
         if len(view.corners) > 1:
             raise CalibrationError(
@@ -93,30 +93,30 @@ def places_from_board(
                 "board in one place"
             )
         if not view.corners:
-            said.append(f"{name}: the board was not found, so the camera is left out")
+            notes.append(f"{name}: the board was not found, so the camera is left out")
             continue
         corners = next(iter(view.corners.values()))
         uv = np.full((len(local), 2), np.nan)
         uv[corners.ids] = corners.uv_px
         uv_px.append(uv)
-        used.append(known[name])
-        if known[name].size_px not in (None, view.size_px):
+        used.append(own_lenses[name])
+        if own_lenses[name].size_px not in (None, view.size_px):
             raise CalibrationError(
-                f"camera {name!r}: its image is {view.size_px}, its lens was calibrated at {known[name].size_px}: "
+                f"camera {name!r}: its image is {view.size_px}, its lens was calibrated at {own_lenses[name].size_px}: "
                 "give uncropped images of the same size"
             )
     xyz_m = local @ UP[:3, :3].T
     labels = [f"corner {i + 1}" for i in range(len(local))]
     places = place_cameras(used, xyz_m, np.stack(uv_px), labels=labels)
-    return _reported(places, used, labels, xyz_m, np.stack(uv_px), said, "board")
+    return _reported(places, used, labels, xyz_m, np.stack(uv_px), notes, "board")
 
 
-def _clicks(path: Path, known: Sequence[KnownLens], labels: Sequence[str]) -> tuple[Array, list[str]]:
-    names = [k.name for k in known]
-    with as_table(path) as (file, told):
+def _clicks(path: Path, lenses: Sequence[KnownLens], labels: Sequence[str]) -> tuple[Array, list[str]]:
+    names = [k.name for k in lenses]
+    with as_table(path) as (file, notes):
         found = read_clicks(file, names, labels)
     if found is not None:
-        return found, [f"{path.name}: {t}" for t in told]
+        return found, [f"{path.name}: {t}" for t in notes]
     tracks = read(path).pixels
     if tracks is None:
         raise FormatError(
@@ -146,16 +146,16 @@ def _clicks(path: Path, known: Sequence[KnownLens], labels: Sequence[str]) -> tu
 
 def _reported(
     places: Sequence[Place],
-    known: Sequence[KnownLens],
+    lenses: Sequence[KnownLens],
     labels: Sequence[str],
     xyz_m: Array,
     uv_px: Array,
-    said: Sequence[str],
+    notes: Sequence[str],
     method: str,
 ) -> tuple[tuple[Camera, ...], CalibrationReport]:
     cameras = tuple(p.camera.camera() for p in places)
-    rows, warned = [], list(said)
-    for place, lens in zip(places, known, strict=True):
+    rows, warned = [], list(notes)
+    for place, lens in zip(places, lenses, strict=True):
         half = 1e3 * place.t95 * place.position_sd_m
         turned = np.degrees(place.t95 * place.turn_sd_rad).max()
         used = int(np.isfinite(place.error_px[:, 0]).sum()) - len(place.left_out)

@@ -86,11 +86,11 @@ def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, fi
     found = _undistorted(recording, _pixels_of(recording), iterations)
     if not find_unit or (recording.unit or recording.data.attrs.get("space_unit")) is not None:
         return found
-    unit, said = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
+    unit, unit_findings = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
     if unit != "m":
         recording = replace(recording, unit=unit, cameras=scaled(recording.cameras, UNIT_M[unit]))
         found = _undistorted(recording, _pixels_of(recording), iterations)
-    return replace(found, told=(*said, *found.told))
+    return replace(found, readings=(*unit_findings, *found.readings))
 
 
 def _pixels_of(recording: Recording) -> Array:
@@ -135,18 +135,18 @@ def _undistorted(recording: Recording, uv_px: Array, iterations: int | None) -> 
     except CalibrationError as error:
         error.args = (f"{recording.where}: {error}",)
         raise
-    ideal, told, lens, late = rows.ideal(cameras, uv_px, iterations=iterations), recording.told, None, None
+    ideal, findings, lens, late = rows.ideal(cameras, uv_px, iterations=iterations), recording.readings, None, None
     if recording.fit_lens:
         if any(c.lens is not None for c in cameras):
             raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
         lens = lens_of_tracks(cameras, ideal)
         ideal = lens.straight(ideal)
-        told += (sentences.estimated_lens(lens),)
+        findings += (sentences.estimated_lens(lens),)
     if recording.correct_lag and (lags := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(lags)
         ideal = audit.in_step(ideal, late)
     found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
-    return replace(found, rows=rows, lens=lens, told=told)
+    return replace(found, rows=rows, lens=lens, readings=findings)
 
 
 def _decided_apart(
@@ -198,7 +198,7 @@ def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | N
 
 def _in_plane(recording: Recording) -> Recording:
     """One video without a calibration: positions in its image, in the axes of the file; third coordinates are 0."""
-    pixels, likelihood, known = recording.pixels, recording.score, recording.skeleton
+    pixels, likelihood, own = recording.pixels, recording.score, recording.skeleton
     assert pixels is not None
     plane, uv, unlikely = Plane(mm_per_px=recording.mm_per_px), pixels.uv_px[0], np.zeros_like(pixels.seen[0])
     if likelihood is not None and likelihood.shape == pixels.seen.shape:
@@ -207,11 +207,11 @@ def _in_plane(recording: Recording) -> Recording:
     flat = np.where(np.isfinite(uv[..., :1]), 0.0, np.nan)
     xyz = plane.unit_m * np.concatenate([uv, flat], axis=-1)
     found = recording.having(position=xyz, covariance=np.full((*xyz.shape, 3), np.nan), status=_status(xyz, ()))
-    measures = bool(known.bones or known.joints or known.measures != Measures())
+    measures = bool(own.bones or own.joints or own.measures != Measures())
     how, *unused = sentences.in_plane(plane, measures=measures)
-    told = how, *sentences.unlikely_clicks(unlikely, pixels.seen, LEAST_LIKELIHOOD), *unused
-    skeleton = replace(known, bones=(), joints=(), measures=Measures())
-    return replace(found, skeleton=skeleton, plane=plane, findings=(*recording.findings, *told))
+    findings = how, *sentences.unlikely_clicks(unlikely, pixels.seen, LEAST_LIKELIHOOD), *unused
+    skeleton = replace(own, bones=(), joints=(), measures=Measures())
+    return replace(found, skeleton=skeleton, plane=plane, findings=(*recording.findings, *findings))
 
 
 def _status(xyz_m: Array, rejected: Sequence[NDArray[np.bool_]]) -> NDArray[np.int8]:
@@ -230,7 +230,7 @@ def _film(recording: Recording, first: int) -> Recording:
     assert pixels is not None  # they were undistorted
     rows = film.rows
     assert rows is not None  # so that this was decided
-    stale, told = audit_points(film)
+    stale, findings = audit_points(film)
     matrices, ideal = film.matrices, film.ideal_px
     likely, unlikely, relative = weighed_clicks(matrices, ideal, film.score)
     ideal = np.where(unlikely[..., None], np.nan, ideal)
@@ -296,16 +296,16 @@ def _film(recording: Recording, first: int) -> Recording:
         swaps=swaps,
         stale=stale,
         audited=tuple(audited),
-        told=(),
+        readings=(),
         findings=(
-            *film.told,
+            *film.readings,
             *film.findings,
             *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
             sentences.pixel_origin(rows),
             *(f for f in audited if f.alarm or f.kind == "mirrored world"),
             *lens,
             *sentences.late_cameras(cameras, film.late_frames),
-            *told,
+            *findings,
             *sentences.slow_errors(bias, lens_stays=bool(lens)),
             *sentences.likelihood_findings(likely, film.score is not None, int(unlikely.sum()), int(unsure.sum())),
             *sentences.camera_findings(health, cameras, first=first),

@@ -75,8 +75,8 @@ class Edit:
 
     def line(self) -> bytes:
         """As it stands in a log."""
-        told = {name: value for name, value in asdict(self).items() if value is not None}
-        return (json.dumps(told, ensure_ascii=False, allow_nan=False) + "\n").encode()
+        values = {name: value for name, value in asdict(self).items() if value is not None}
+        return (json.dumps(values, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def read_edits(path: str | PathLike[str]) -> list[Edit]:
@@ -93,8 +93,8 @@ def read_edits(path: str | PathLike[str]) -> list[Edit]:
     found = []
     for number, line in enumerate(lines, start=1):
         try:
-            told = from_json(line, path.name)
-            found.append(Edit(**told))
+            values = from_json(line, path.name)
+            found.append(Edit(**values))
         except (TypeError, FormatError) as error:
             raise FormatError(f"{path.name}: line {number} is no edit ({error}): take it out") from None
     return found
@@ -232,7 +232,7 @@ def apply(
     mask[frames, m] = True
 
 
-def _index(kind: str, name: str | None, known: Sequence[str]) -> int:
-    if name is None or name not in known:
-        raise MocapError(f"there is no {kind} {name!r}: there are {', '.join(known)}")
-    return list(known).index(name)
+def _index(kind: str, name: str | None, names: Sequence[str]) -> int:
+    if name is None or name not in names:
+        raise MocapError(f"there is no {kind} {name!r}: there are {', '.join(names)}")
+    return list(names).index(name)

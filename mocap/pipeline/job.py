@@ -135,7 +135,9 @@ def track_part(
     mixed, scores = None, {}
     if mixing or learned is not None:
         with stages.stage("track with a mixture of models" if mixing else "track") as progress:
-            mixed = track_mixed(part, learned, asked=recording.asked, compared=beside, seed=seed, progress=progress)
+            mixed = track_mixed(
+                part, learned, rate_points=recording.rate_points, compared=beside, seed=seed, progress=progress
+            )
         scores = {} if mixed is None else mixed.scores
     elif beside:
         with stages.stage("validate on hidden samples") as progress:
@@ -149,7 +151,7 @@ def track_part(
         with stages.stage("learn"):
             own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
-            smoothed = track(part, own, asked=recording.asked, progress=progress)
+            smoothed = track(part, own, rate_points=recording.rate_points, progress=progress)
     return with_track(recording, part, name, smoothed, own), recording, why, scores
 
 

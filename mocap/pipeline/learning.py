@@ -241,7 +241,7 @@ def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Itera
         MocapError: a recording cannot be cleaned; the message names its file.
     """
     doubt: dict[int, tuple[Recording, OriginError]] = {}
-    told = set()
+    decisions = set()
     for number, source in enumerate(sources):
         if source.cleaned:
             one = source
@@ -255,12 +255,12 @@ def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Itera
             for text in dict.fromkeys(map(str, (*units, *source.findings))):
                 tell(f"{one.name}: {text}")
         if one.rows is not None:
-            told.add((one.rows.pixels, one.rows.coefficients))
+            decisions.add((one.rows.pixels, one.rows.coefficients))
         yield number, one
     for number, (source, error) in doubt.items():
-        if len(told) != 1:
+        if len(decisions) != 1:
             raise error
-        (corners,) = told
+        (corners,) = decisions
         fresh = replace(source, pixel_origin=corners[0], calibration_origin=corners[1])
         tell(f"{source.name}: pixel origin {corners[0]}, as in the other recordings of this session")
         yield number, clean(fresh.without_needless_calibration()).in_space("learning")

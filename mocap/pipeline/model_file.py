@@ -116,13 +116,13 @@ def load_model(path: Path) -> LearnedModel:
             header = from_json(str(file["header"]), "header")
             if header.get("format") != FORMAT:
                 raise FormatError(f"expected '{FORMAT}', but it says '{header.get('format')}': learn it again")
-            known = checked("header", header, _HEADER, again=again)
-            sizes = {"markers": len(known["names"])}
+            entries = checked("header", header, _HEADER, again=again)
+            sizes = {"markers": len(entries["names"])}
             bodies = header.get("bodies", [])
             for body in [bodies] if not isinstance(bodies, list) else bodies:
-                checked("bodies", {"names": known["names"], "body": body}, _BODY, again=again)
+                checked("bodies", {"names": entries["names"], "body": body}, _BODY, again=again)
             trials = []
-            for i, name in enumerate(known["trials"]):
+            for i, name in enumerate(entries["trials"]):
                 parts = {key: file[f"trial_{i}_{key}"] for key in _TRIAL}
                 found = checked(f"trial_{i} ({name})", parts, _TRIAL, sizes=dict(sizes), again=again)
                 trials.append(MarkerTrial(name=name, **found))
@@ -135,16 +135,16 @@ def load_model(path: Path) -> LearnedModel:
                 checked(f"scores of {name}", by, {key: Entry(shape=("gaps",), least=0.0) for key in by}, again=again)
         check_rates(trials)
     except (MocapError, *_DAMAGE) as error:
-        told = str(error) if isinstance(error, MocapError) else f"{one_line(error)}: {again}"
-        raise FormatError(f"{path}: not a model that mocap learn wrote: {told}") from None
+        reason = str(error) if isinstance(error, MocapError) else f"{one_line(error)}: {again}"
+        raise FormatError(f"{path}: not a model that mocap learn wrote: {reason}") from None
     return LearnedModel(
-        names=tuple(known["names"]),
-        trunk=tuple(known["trunk"]),
-        bones=tuple((a, b) for a, b in known["bones"]),
+        names=tuple(entries["names"]),
+        trunk=tuple(entries["trunk"]),
+        bones=tuple((a, b) for a, b in entries["bones"]),
         bodies=tuple(map(tuple, bodies)),
         trials=tuple(trials),
         models=models,
-        mixture=Mixture(widen=float(known["widen"]), dof=float(known["dof"]), **mixture),
+        mixture=Mixture(widen=float(entries["widen"]), dof=float(entries["dof"]), **mixture),
         scores=header["scores"],
     )
 

@@ -10,7 +10,7 @@ from mocap.cameras.origin import origin_alone
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
-from mocap.filters.moving import asked_of
+from mocap.filters.moving import rate_points_of
 from mocap.filters.one_camera import Found, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
@@ -36,8 +36,8 @@ def undistorted_alone(source: Recording) -> Recording:
     Raises:
         CalibrationError: something was to be estimated from rays that meet.
     """
-    asked = {"fit_lens": source.fit_lens, "correct_lag": source.correct_lag}
-    for name, wanted in asked.items():
+    options = {"fit_lens": source.fit_lens, "correct_lag": source.correct_lag}
+    for name, wanted in options.items():
         if wanted:
             raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out, or give a `profile`")
     rows = origin_alone(
@@ -49,7 +49,7 @@ def undistorted_alone(source: Recording) -> Recording:
     )
     film = replace(source.having(ideal=rows.ideal(source.cameras, source.data["pixels"].values)), rows=rows)
     known = source.pixel_origin or source.usual_origin or all(camera.lens is None for camera in source.cameras)
-    return film if known else replace(film, told=(*film.told, sentences.unknown_corner(rows.pixels)))
+    return film if known else replace(film, readings=(*film.readings, sentences.unknown_corner(rows.pixels)))
 
 
 def track_one_camera(
@@ -82,8 +82,8 @@ def track_one_camera(
     )
     check_rates([*learned.trials, empty])
     trials = for_recording(learned, names, empty)
-    known = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
-    markers = np.flatnonzero(known)
+    tracked = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
+    markers = np.flatnonzero(tracked)
     frames = shown(film.seen[:, :, markers])
     if frames.stop == 0:
         raise FormatError(f"{source.where}: no frame shows {LEAST_MARKERS} markers of the model to one camera")
@@ -98,7 +98,7 @@ def track_one_camera(
         prior,
         views,
         doubt=partial(left_out, prior, trials, trunk),
-        asked=asked_of(own, source.asked),
+        rate_points=rate_points_of(own, source.rate_points),
         progress=progress,
     )
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
@@ -135,7 +135,9 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
         camera_factor=np.ones((n_cameras, n_frames)),
         repaired=2 * film.edited.astype(np.int8),
     )
-    told = sentences.one_camera(
+    own_findings = sentences.one_camera(
         other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose
     )
-    return replace(done, cleaned=True, jitter_px=noise, told=(), findings=(*film.told, *film.findings, *told))
+    return replace(
+        done, cleaned=True, jitter_px=noise, readings=(), findings=(*film.readings, *film.findings, *own_findings)
+    )

@@ -86,33 +86,33 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
         renamed = dict(zip(prepared.names, called, strict=True))
     new = [renamed.get(name, name) for name in given]
     aliases = {a: b for a, b in zip(given, new, strict=True) if a != b}
-    stated = {
+    bodies = {
         body: {aliases.get(name, name): at for name, at in own.items() if name in given}
         for body, own in recording.bodies.items()
     }
-    return _proposal(new, marker_trial(part), aliases, stated)
+    return _proposal(new, marker_trial(part), aliases, bodies)
 
 
 def _proposal(
     names: Sequence[str],
     trial: MarkerTrial,
     aliases: Mapping[str, str],
-    stated: Mapping[str, Mapping[str, Array]],
+    bodies_: Mapping[str, Mapping[str, Array]],
 ) -> Proposal:
     if len(names) < 2:
         shown = number_of(len(names), "marker")
         raise MocapError(f"{trial.name}: shows {shown}; a skeleton needs at least two, and joints three")
     kept = kept_distances(trial)
-    stated = {name: own for name, own in stated.items() if len(own) >= 3}
+    bodies_ = {name: own for name, own in bodies_.items() if len(own) >= 3}
     places: dict[str, Places] = {
         body: {name: (float(at[0]), float(at[1]), float(at[2])) for name, at in own.items()}
-        for body, own in stated.items()
+        for body, own in bodies_.items()
         if np.isfinite(np.array(list(own.values()))).all()
     }
-    taken = {marker for own in stated.values() for marker in own}
-    found = [[names.index(marker) for marker in own] for own in stated.values()]
+    taken = {marker for own in bodies_.values() for marker in own}
+    found = [[names.index(marker) for marker in own] for own in bodies_.values()]
     more = [members for members in find_bodies(trial) if not any(names[m] in taken for m in members)]
-    bodies = [*stated, *(f"{name}_2" if name in stated else name for name in body_names(names, more))]
+    bodies = [*bodies_, *(f"{name}_2" if name in bodies_ else name for name in body_names(names, more))]
     found += more
     body = np.full(len(names), -1)
     for number, members in enumerate(found):

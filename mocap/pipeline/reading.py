@@ -103,18 +103,18 @@ def read(
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
     contents, findings = complete(_whole(files, rig, hints or Hints()), where=files[0].name, fps=fps, unit=unit)
-    known, names = animal(skeleton, contents.names, bodies=contents.bodies)
-    contents, cameras, told = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
+    animal_skeleton, names = animal(skeleton, contents.names, bodies=contents.bodies)
+    contents, cameras, notes = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
     contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
     named = (*files, rig, lenses, points, log, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
     found = Recording(
         name=recording_name(files[0]),
         data=dataset_of(contents),
-        skeleton=known,
+        skeleton=animal_skeleton,
         cameras=cameras,
         calibration=None if rig is None else rig.name,
         findings=findings,
-        told=(*told, *further),
+        readings=(*notes, *further),
         unusual=contents.remarks,
         bodies=contents.bodies,
         file=files[0],
@@ -150,9 +150,9 @@ def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None
         FormatError: a file cannot be read, or offsets do not belong to the videos.
     """
     contents, _ = complete(_whole(files, None, hints), where=files[0].name, fps=fps or 1.0, unit=None)
-    contents, cameras, told = _with_cameras(contents, files[0], None, None, None)
+    contents, cameras, findings = _with_cameras(contents, files[0], None, None, None)
     contents, further = _in_whole_picture(contents, cameras, files, (), crops, None)
-    return replace(contents, findings=(*contents.findings, *map(str, (*told, *further))))
+    return replace(contents, findings=(*contents.findings, *map(str, (*findings, *further))))
 
 
 def _in_whole_picture(
@@ -221,17 +221,17 @@ def complete(
         MocapError: the frame rate is not known, or no camera has it.
     """
     check_stated("fps", fps)
-    contents, told = in_metres(contents, unit)
+    contents, findings = in_metres(contents, unit)
     if fps is None:
         if contents.fps is None:
             raise NoRateError(f"{where}: the frame rate is not in the file: give `fps`")
         check_rate(contents.fps, where)
         slow = (text for text in contents.findings if text.startswith(SLOW))
-        told = (*told, *(Finding(kind="frame rate", alarm=True, text=text) for text in slow))
+        findings = (*findings, *(Finding(kind="frame rate", alarm=True, text=text) for text in slow))
     else:
         contents = contents.with_rate(fps)
     contents, left_out = every_frame(contents)
-    return contents, (*told, *readings((*contents.assumed, *left_out)))
+    return contents, (*findings, *readings((*contents.assumed, *left_out)))
 
 
 def _whole(files: Sequence[Path], rig: Path | None, hints: Hints) -> FileContents:
@@ -279,8 +279,8 @@ def animal(
         SkeletonError: the skeleton cannot be read, or uses markers that the recording lacks.
     """
     if given is None:
-        stated = {body: tuple(own) for body, own in (bodies or {}).items()}
-        return Skeleton(name="markers only", markers=tuple(names), bodies=stated), tuple(names)
+        rigid = {body: tuple(own) for body, own in (bodies or {}).items()}
+        return Skeleton(name="markers only", markers=tuple(names), bodies=rigid), tuple(names)
     skeleton = given if isinstance(given, Skeleton) else read_skeleton(_path("skeleton", given))
     renamed = skeleton.renamed(names)
     try:
@@ -303,25 +303,25 @@ def _with_cameras(
 
     A given calibration replaces a project's own.
     """
-    cameras, where, told = contents.cameras, tracks.name, tuple[Finding, ...]()
+    cameras, where, findings = contents.cameras, tracks.name, tuple[Finding, ...]()
     if contents.pixels is None:
-        return contents, cameras, told
+        return contents, cameras, findings
     if rig is not None:
         given = calibration_of(rig)
         given = given if unit is None else given.with_unit(unit)
         if not given.cameras:
             raise FormatError(f"{rig.name}: contains no cameras ({given.format}): give a calibration")
-        cameras, where, told = given.cameras, rig.name, readings(given.assumed, where=rig.name)
+        cameras, where, findings = given.cameras, rig.name, readings(given.assumed, where=rig.name)
         contents = replace(contents, unit=contents.unit or given.unit)
     if len(contents.camera_names) == 1:
         cameras = tuple(camera for camera in cameras if camera.name == contents.camera_names[0]) or cameras
     if cameras:
         check_rig(contents, cameras, tracks.name, where)
     if cameras and profile is not None:
-        with as_table(profile) as (table, said):
+        with as_table(profile) as (table, notes):
             cameras = with_profile(cameras, table)
-        told += readings(said, where=profile.name)
-    return contents, cameras, told
+        findings += readings(notes, where=profile.name)
+    return contents, cameras, findings
 
 
 def check_rig(contents: FileContents, cameras: Sequence[Camera], tracks: str, where: str) -> None:

@@ -25,12 +25,12 @@ from mocap.cleaning.swaps import Swap
 from mocap.errors import MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.filters.records import Limb
-from mocap.filters.velocities import Asked, Motion
+from mocap.filters.velocities import Motion, RatePoints
 from mocap.findings import Finding
 from mocap.io.contents import Bodies, FileContents
 from mocap.io.movies import Movie
 from mocap.kinematics.compute import kinematics
-from mocap.kinematics.points import asked_for
+from mocap.kinematics.points import rate_points_for
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.variables import VARIABLES, Values
@@ -70,10 +70,10 @@ def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequ
     data = data.drop_dims(gone).assign_coords({dim: np.array(of, dtype=object) for dim, of in names.items()})
     made = {}
     for name, array in values.items():
-        told = VARIABLES[name]
+        variable = VARIABLES[name]
         frozen = np.asarray(array).view()
         frozen.setflags(write=False)
-        made[name] = (told.dims, frozen, {"units": told.unit} if told.unit else {})
+        made[name] = (variable.dims, frozen, {"units": variable.unit} if variable.unit else {})
     axes = {axis for name in values for axis in VARIABLES[name].dims if axis in AXES and axis not in data.coords}
     return data.assign_coords({axis: AXES[axis] for axis in axes}).assign(made)
 
@@ -126,7 +126,7 @@ class Recording:
         calibration: What messages call the calibration, where it is given beside the tracks; None: it is not.
         findings: How the files were read where they leave that open, and frames that they leave out; of one that was
             cleaned all findings, those that ask for something to be done (``alarm``) worst first.
-        told: How the calibration and the pixels were read.
+        readings: How the calibration and the pixels were read.
         unusual: What is unusual of the file, or not in it.
         bodies: Rigid bodies that the file states, with the places of their markers in their axes, in metres.
         file: The file of the tracks; None: they were never in one.
@@ -169,7 +169,7 @@ class Recording:
     cameras: tuple[Camera, ...] = ()
     calibration: str | None = None
     findings: tuple[Finding, ...] = ()
-    told: tuple[Finding, ...] = ()
+    readings: tuple[Finding, ...] = ()
     unusual: tuple[str, ...] = ()
     bodies: Bodies = field(default_factory=dict)
     file: Path | None = None
@@ -474,9 +474,9 @@ class Recording:
         return self.data["by_hand"].values if "by_hand" in self.data else none
 
     @cached_property
-    def asked(self) -> Asked:
+    def rate_points(self) -> RatePoints:
         """The points and pairs of points whose velocities and covariances its kinematics need."""
-        return asked_for(self.names, self.skeleton, n_frames=len(self.t_s))
+        return rate_points_for(self.names, self.skeleton, n_frames=len(self.t_s))
 
     def having(
         self,
@@ -575,7 +575,7 @@ class Recording:
         there |= {"skeleton": self.skeleton.name} if self.skeleton.bones or self.skeleton.joints else {}
         if self.cleaned:
             there |= {"believed": f"{100 * np.isfinite(self.xyz_m[..., 0]).mean():.1f} % of positions"}
-        findings = (*self.findings, *self.told, *self.unusual)
+        findings = (*self.findings, *self.readings, *self.unusual)
         return there | ({"findings": "; ".join(map(str, findings))} if findings else {})
 
     def __repr__(self) -> str:
@@ -667,9 +667,9 @@ def of_pixels(
         score: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
         **stated: Other fields of ``Recording``.
     """
-    known = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
+    animal = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
     data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
-    return Recording(name=name, data=data, skeleton=known, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
+    return Recording(name=name, data=data, skeleton=animal, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
 
 
 def as_recording(given: Any, verb: str) -> Recording:

@@ -89,8 +89,8 @@ def make_report(
     samples are not listed.
     """
     consistency, away = _consistency(tracked), moved_report(recording, tracked.tracks)
-    known = whole or counts(recording, tracked)
-    samples, total = known["samples"], known["samples"]["total"]
+    numbers = whole or counts(recording, tracked)
+    samples, total = numbers["samples"], numbers["samples"]["total"]
     if whole is not None:
         away |= {"largest": None, "samples": [], "beyond_3_sd": whole["rejected"]["moved"]}
     found = [*recording.findings, *sentences.too_narrow(consistency["nis_per_row"])]
@@ -103,7 +103,7 @@ def make_report(
     repeated = np.sqrt(np.maximum(np.trace(alike, axis1=-2, axis2=-1) / 3, 0.0))
     report = {
         "name": recording.name,
-        "frames": int(known["frames"]["number"]),
+        "frames": int(numbers["frames"]["number"]),
         "fps": float(1 / recording.dt_s),
         "tracked_frames": [*shown.values()],
         "markers": list(recording.names),
@@ -131,7 +131,7 @@ def make_report(
         "pixel_noise_px": {"jitter": _number(recording.jitter_px), "slow": recording.bias_px},
         "cameras_and_markers": _noise(recording),
         "rejected": {
-            "counts": known["rejected"],
+            "counts": numbers["rejected"],
             "reasons": {
                 **REASONS,
                 **DOUBTFUL,
@@ -146,14 +146,14 @@ def make_report(
         },
         "bad_cameras": _bad_cameras(recording),
         "repaired": {
-            "counts": known["repaired"],
+            "counts": numbers["repaired"],
             "reasons": REPAIRS | {"edited": "corrected by hand"},
             "runs": _exchanged(recording),
         },
         "audit": [finding.as_json() for finding in recording.audited],
         "stale_points": None if recording.stale is None else [vars(s) for s in recording.stale],
         "innovation": consistency,
-        "log_likelihood": known["frames"]["log_likelihood"],
+        "log_likelihood": numbers["frames"]["log_likelihood"],
         "validation": {
             "hidden_samples": max((one.samples for one in validation.values()), default=0),
             "methods": {name: one.as_json() for name, one in validation.items()},
@@ -185,8 +185,8 @@ def _in(unit: str, value: Any) -> Any:
 
 
 def _quantiles(values: Array) -> dict[str, float | None]:
-    known = values[np.isfinite(values)]
-    return {f"{100 * q:g}%": float(np.quantile(known, q)) if known.size else None for q in QUANTILES}
+    finite = values[np.isfinite(values)]
+    return {f"{100 * q:g}%": float(np.quantile(finite, q)) if finite.size else None for q in QUANTILES}
 
 
 def _number(value: float) -> float | None:
@@ -372,8 +372,8 @@ def readable(report: Mapping, *, title: str) -> str:
         f"- repaired samples: {_counted(report['repaired']['counts'], report['repaired']['reasons'])}",
     ]
     wrong = report["wrong"]
-    lines += ["", "## Findings", "", *(f"- **{_said(finding)}**" for finding in wrong)]
-    lines += [f"- {_said(finding)}" for finding in notes(report)]
+    lines += ["", "## Findings", "", *(f"- **{_readable(finding)}**" for finding in wrong)]
+    lines += [f"- {_readable(finding)}" for finding in notes(report)]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
         lines += [
@@ -435,7 +435,7 @@ def _measured_lines(repeated: Mapping, found: Mapping, unit: str) -> list[str]:
     ]
 
 
-def _said(finding: str) -> str:
+def _readable(finding: str) -> str:
     """A finding, in which arguments stay between backquotes."""
     return re.sub(r"\\`(\w+)\\`", r"`\1`", plain(finding))
 
@@ -472,8 +472,8 @@ def _gap_lines(title: str, methods: Mapping | None, unit: str) -> list[str]:
         coverage = "-" if value["coverage95"] is None else f"{value['coverage95']:.1f} %"
         z = "-" if value["z"] is None else f"{value['z']:.2f}"
         lines.append(f"| {plain(method(name))} | {rmse} | {coverage} | {z} |")
-    told = "; ".join(f"{METHODS[name][0]}, {METHODS[name][1]}" for name in methods if name in METHODS)
-    return [*lines, "", *([f"Methods: {told}.", ""] if told else [])]
+    methods_text = "; ".join(f"{METHODS[name][0]}, {METHODS[name][1]}" for name in methods if name in METHODS)
+    return [*lines, "", *([f"Methods: {methods_text}.", ""] if methods_text else [])]
 
 
 def residuals_by_camera(recording: Recording) -> dict[str, dict[str, float | None]]:

@@ -139,15 +139,15 @@ def position_noise(sd_m: Array, plane: Plane | None) -> Finding:
 def in_plane(plane: Plane, *, measures: bool) -> list[Finding]:
     """How one video without a calibration was read; ``measures``: bones, joints or measures were given, in vain."""
     if plane.mm_per_px is None:
-        said = "one video without a calibration: positions are pixels of its image"
+        sentence = "one video without a calibration: positions are pixels of its image"
     else:
-        said = (
+        sentence = (
             f"one video without a calibration: positions are in the plane of its image, {plane.mm_per_px:g} mm per "
             "pixel as stated; what moves nearer to the camera or away from it, or turns out of the plane, is wrong in "
             "proportion"
         )
     unused = "bones, joints and measures were not used: lengths and angles in an image change as they turn"
-    found = [Finding(kind="plane", text=f"{said}; x and y are those of the file, and the lens is not corrected")]
+    found = [Finding(kind="plane", text=f"{sentence}; x and y are those of the file, and the lens is not corrected")]
     return [*found, *([Finding(kind="measures in a plane", text=unused)] if measures else [])]
 
 
@@ -254,11 +254,11 @@ def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) ->
     if not mask.any():
         return []
     which = np.flatnonzero(mask.any(axis=0)).tolist() if names else []
-    told = f": {', '.join(f'{names[m]} ({mask[:, m].sum()})' for m in which)}" if names else ""
+    by_marker = f": {', '.join(f'{names[m]} ({mask[:, m].sum()})' for m in which)}" if names else ""
     return [
         Finding(
             kind=f"rejected: {reason}",
-            text=f"{_counted(mask, 'sample')} rejected ({(REASONS | DOUBTFUL)[reason]}){told}",
+            text=f"{_counted(mask, 'sample')} rejected ({(REASONS | DOUBTFUL)[reason]}){by_marker}",
             numbers={"samples": int(mask.sum())},
             markers=tuple(names[m] for m in which),
         )
@@ -270,12 +270,12 @@ def hand_findings(apart: NDArray[np.int64], names: Sequence[str], *, first: int 
     if not len(apart):
         return []
     where = [(first + int(t) + 1, names[int(m)]) for t, m in apart]
-    told = ", ".join(f"{name} in frame {frame}" for frame, name in where[:MOST])
+    places = ", ".join(f"{name} in frame {frame}" for frame, name in where[:MOST])
     return [
         Finding(
             kind="corrections by hand",
             alarm=True,
-            text=f"points digitised by hand disagree between cameras ({told}{', ...' if len(where) > MOST else ''}): "
+            text=f"points digitised by hand disagree between cameras ({places}{', ...' if len(where) > MOST else ''}): "
             "the marker was put between them; check these images",
             numbers={"samples": len(where)},
             markers=tuple(dict.fromkeys(name for _, name in where)),
@@ -348,16 +348,18 @@ def exchange_findings(
     return [*out, *rejected("doubtful_name", doubtful)]
 
 
-def likelihood_findings(found: LikelihoodNoise | None, stated: bool, left_out: int, lost: int) -> list[Finding]:
+def likelihood_findings(
+    found: LikelihoodNoise | None, has_likelihoods: bool, left_out: int, lost: int
+) -> list[Finding]:
     """What likelihoods were worth, where clicks have any.
 
     Args:
         found: What was learned of them.
-        stated: Whether clicks have likelihoods.
+        has_likelihoods: Whether clicks have likelihoods.
         left_out: Clicks that were not believed.
         lost: Samples that therefore have no point.
     """
-    if not stated:
+    if not has_likelihoods:
         return []
     if found is None:
         text = "too few points are seen by two cameras of higher likelihood to learn what likelihoods mean"

@@ -163,4 +163,4 @@ def length_line(report: Mapping) -> str:
 def notes(report: Mapping) -> Sequence[str]:
     """Findings that ask for nothing: what was decided, rejected or repaired."""
     wrong = set(report.get("wrong", ()))
-    return [said for said in report.get("findings", ()) if said not in wrong]
+    return [sentence for sentence in report.get("findings", ()) if sentence not in wrong]

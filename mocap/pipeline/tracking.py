@@ -16,11 +16,11 @@ from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_wit
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.articulated import ArticulatedMotion
-from mocap.filters.moving import Rates, asked_of
+from mocap.filters.moving import Rates, rate_points_of
 from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked, Motion, without_rates
+from mocap.filters.velocities import Motion, RatePoints, without_rates
 from mocap.joints import joint_variables
 from mocap.pipeline.recording import Recording, limb_variables, of_points
 from mocap.pipeline.sentences import TOGETHER
@@ -91,7 +91,7 @@ def track_mixed(
     part: Recording,
     learned: LearnedModel | None = None,
     *,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     compared: Mapping[str, TrajectoryModel] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
@@ -101,7 +101,7 @@ def track_mixed(
     Args:
         part: The seen part of a recording that was cleaned.
         learned: A model of other trials; None: the mixture learns from this recording alone.
-        asked: Points whose velocities and joint covariances are kept; None: of none.
+        rate_points: Points whose velocities and joint covariances are kept; None: of none.
         compared: Models that fill hidden gaps, too; None: nothing is scored.
         seed: Where gaps are hidden.
         progress: Called with the share done.
@@ -112,7 +112,7 @@ def track_mixed(
     names, skeleton = part.names, part.skeleton
     trial, seen = marker_trial(part), part.observations()
     options: dict[str, Any] = {"compared": compared, "seed": seed, "progress": progress, "call_all": call_all}
-    options["asked"] = None if asked is None else asked_of(names, asked)
+    options["rate_points"] = None if rate_points is None else rate_points_of(names, rate_points)
     if learned is not None:
         return track_with(learned, names, trial, seen, **options)
     bodies = [*skeleton.bodies.values()]
@@ -126,12 +126,12 @@ def track(
     model: FittedMotion,
     *,
     hidden: Mask | None = None,
-    asked: Asked | None = None,
+    rate_points: RatePoints | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth the seen part of a recording."""
-    points = None if asked is None else asked_of(part.names, asked)
-    return model.fill(part.observations(hidden=hidden), asked=points, progress=progress)
+    points = None if rate_points is None else rate_points_of(part.names, rate_points)
+    return model.fill(part.observations(hidden=hidden), rate_points=points, progress=progress)
 
 
 def with_track(
@@ -191,7 +191,7 @@ def with_track(
         **rays,
     )
     left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
-    motion = motion_of(found.tracks, frames, smoothed.rates, recording.asked, left_m_s=left)
+    motion = motion_of(found.tracks, frames, smoothed.rates, recording.rate_points, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
     found = _with_joints(found.with_motion(motion), whole_frames(recording))
     found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(y_up)))
@@ -251,7 +251,7 @@ def whole_frames(recording: Recording) -> BodyFrames:
 
 
 def motion_of(
-    markers: MarkerTracks, frames: slice, rates: Rates | None, asked: Asked, *, left_m_s: Array | float = 0.0
+    markers: MarkerTracks, frames: slice, rates: Rates | None, rate_points: RatePoints, *, left_m_s: Array | float = 0.0
 ) -> Motion:
     """Velocities and joint covariances of the smoother, for the positions that were returned.
 
@@ -265,11 +265,11 @@ def motion_of(
         markers: The markers as returned.
         frames: Those that were tracked.
         rates: What the smoother knows; None: velocities are NaN.
-        asked: Points and pairs of the whole recording.
+        rate_points: Points and pairs of the whole recording.
         left_m_s: (T, M, 3) the track's velocity less that of the points that it leaves; 0 where it leaves none.
     """
-    count, steps, n = len(markers.names), len(markers.t_s), len(asked.names)
-    weights = asked.all_weights
+    count, steps, n = len(markers.names), len(markers.t_s), len(rate_points.names)
+    weights = rate_points.all_weights
     xyz = np.einsum("nm,tmi->tni", weights, np.nan_to_num(markers.xyz_m))
     uses = (weights > 0).astype(float)
     lost = np.einsum("nm,tm->tn", uses, np.isnan(markers.xyz_m[..., 0]).astype(float)) > 0.5
@@ -277,24 +277,24 @@ def motion_of(
     xyz[lost] = np.nan
     velocity, kept = np.full((steps, n, 3), np.nan), np.ones((steps, n, 3))
     own = np.full((steps, n, 6, 6), np.nan, dtype=np.float32)
-    pairs = np.array(asked.pairs if rates is not None else (), dtype=np.int64).reshape(-1, 2)
+    pairs = np.array(rate_points.pairs if rates is not None else (), dtype=np.int64).reshape(-1, 2)
     cross = np.full((steps, len(pairs), 6, 6), np.nan, dtype=np.float32)
     if rates is not None:
-        here = np.array([asked.names.index(name) for name in rates.asked.names])
+        here = np.array([rate_points.names.index(name) for name in rates.rate_points.names])
         inside = np.ix_(np.arange(steps)[frames], here)
         velocity[inside], kept[inside] = rates.velocity_m_s, rates.kept
         scale = np.broadcast_to(np.eye(3), (steps, n, 3, 3)).copy()
-        stated = np.full((steps, n, 3, 3), np.nan)
-        stated[:, :count] = markers.cov_m2
+        given = np.full((steps, n, 3, 3), np.nan)
+        given[:, :count] = markers.cov_m2
         block = rates.own[..., :3, :3].astype(float)
-        scale[inside] = _scales(stated[inside], block)
+        scale[inside] = _scales(given[inside], block)
         mine = np.einsum("nm,tm->tn", weights**2, np.nan_to_num(np.trace(scale[:, :count], axis1=-2, axis2=-1) / 3))
         means = mine[:, count:] / np.sum(weights[count:] ** 2, axis=1)
         scale[:, count:] = means[..., None, None] * np.eye(3)
         done = _carried(scale[inside], rates.own, scale[inside])
         own[inside] = 0.5 * (done + np.swapaxes(done, -1, -2))  # products in single precision are skew by 1e-6
         column = {pair: i for i, pair in enumerate(map(tuple, pairs.tolist()))}
-        for i, (a, b) in enumerate(rates.asked.pairs):
+        for i, (a, b) in enumerate(rates.rate_points.pairs):
             pair, turned = (int(here[a]), int(here[b])), False
             if pair not in column:
                 pair, turned = pair[::-1], True
@@ -306,7 +306,7 @@ def motion_of(
         own[..., 3:, 3:] += 0.5 * np.einsum("nm,tmi,tmj->tnij", weights**2, left, left, optimize=True)
         velocity[lost] = np.nan
     return Motion(
-        names=asked.names,
+        names=rate_points.names,
         t_s=markers.t_s,
         xyz_m=xyz,
         velocity_m_s=velocity,
@@ -318,11 +318,11 @@ def motion_of(
     )
 
 
-def _scales(stated: Array, smoothed: Array) -> Array:
+def _scales(before: Array, smoothed: Array) -> Array:
     """(..., 3, 3) A = C^(1/2) P^(-1/2); 1 where either is unknown."""
-    known = np.asarray(np.isfinite(stated + smoothed).all(axis=(-2, -1)))
+    finite = np.asarray(np.isfinite(before + smoothed).all(axis=(-2, -1)))
     unit = np.eye(3)
-    c, p = np.where(known[..., None, None], stated, unit), np.where(known[..., None, None], smoothed, unit)
+    c, p = np.where(finite[..., None, None], before, unit), np.where(finite[..., None, None], smoothed, unit)
     return _power(c, 0.5) @ _power(p, -0.5)
 
 
@@ -361,14 +361,14 @@ def moved_report(recording: Recording, markers: MarkerTracks) -> dict[str, objec
     distance_m = np.linalg.norm(off_m, axis=-1)
     rejected = np.any(list(recording.rejected.values()), axis=0)
     far &= (markers.status == Status.REJECTED) & ~rejected
-    known = ((markers.status == Status.MEASURED) | far) & np.isfinite(distance_m)
-    if not known.any():
+    compared = ((markers.status == Status.MEASURED) | far) & np.isfinite(distance_m)
+    if not compared.any():
         return {"median_mm": None, "90%_mm": None, "largest": None, "beyond_3_sd": 0, "samples": []}
-    distance = np.where(known, 1e3 * distance_m, -1.0)
+    distance = np.where(compared, 1e3 * distance_m, -1.0)
     frame, marker = (int(i) for i in np.unravel_index(np.argmax(distance), distance.shape))
     return {
-        "median_mm": float(np.median(distance[known])),
-        "90%_mm": float(np.quantile(distance[known], 0.9)),
+        "median_mm": float(np.median(distance[compared])),
+        "90%_mm": float(np.quantile(distance[compared], 0.9)),
         "largest": {"frame": frame + 1, "marker": markers.names[marker], "mm": float(distance[frame, marker])},
         "beyond_3_sd": int(far.sum()),
         "samples": [

@@ -89,7 +89,7 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
             *poor,
             *contradicted,
             *film.findings,
-            *film.told,
+            *film.readings,
             sentences.pixel_origin(film.rows),
             *findings,
         ),

@@ -84,8 +84,8 @@ def disagreements(recording: Recording, wrong: Mask | None = None) -> list[Disag
 def unconfirmed(recording: Recording) -> Mask:
     """(T, M) points of two rays, in recordings of three cameras or more."""
     rays = np.isfinite(recording.uv_px[..., 0])
-    asked = np.isfinite(recording.xyz_m[..., 0]) & ~recording.edited
-    return asked & (rays.sum(axis=0) == 2) & (len(rays) > 2)
+    measured = np.isfinite(recording.xyz_m[..., 0]) & ~recording.edited
+    return measured & (rays.sum(axis=0) == 2) & (len(rays) > 2)
 
 
 def worth_checking(recording: Recording) -> bool:
@@ -128,24 +128,24 @@ def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: Lea
     regression, which would take the points themselves for true. A filter that never saw such a pose is wrong and sure:
     runs of points that go on from where others have the marker, and lead to where they have it, are believed.
     """
-    asked = unconfirmed(recording)
+    points = unconfirmed(recording)
     # half as many again in all as are asked: the filter learns from the others alone
-    asked &= np.isfinite(recording.xyz_m[..., 0]).sum(axis=0) >= 1.5 * asked.sum(axis=0)
-    doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
-    if not asked.any() or not _can_expect(doubted, learned):
+    points &= np.isfinite(recording.xyz_m[..., 0]).sum(axis=0) >= 1.5 * points.sum(axis=0)
+    doubted = recording.having(position=np.where(points[..., None], np.nan, recording.xyz_m))
+    if not points.any() or not _can_expect(doubted, learned):
         return recording
     xyz, cov = _expected(doubted, pose, _trials(doubted, learned))
-    far = asked & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=asked) > FAR)
+    far = points & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=points) > FAR)
     if far.any():
         away_m = np.where(far, np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.nan)
-        far &= ~continuing(recording, asked, away_m)
+        far &= ~continuing(recording, points, away_m)
     if not far.any():
         return recording
     kept = _without(recording, far, np.zeros(recording.uv_px.shape[:3], dtype=bool))
     return replace(kept, findings=(*recording.findings, *sentences.rejected("contradicted", far)))
 
 
-def continuing(recording: Recording, asked: Mask, away_m: Array) -> Mask:
+def continuing(recording: Recording, doubtful: Mask, away_m: Array) -> Mask:
     """(T, M) True for contradicted points of runs, among those that are asked about, that continue a marker's motion.
 
     Somebody who takes one marker for another jumps to it. Each marker is followed with neither ray in such frames; at
@@ -154,15 +154,15 @@ def continuing(recording: Recording, asked: Mask, away_m: Array) -> Mask:
 
     Args:
         recording: The seen part of a recording.
-        asked: (T, M) points that are asked about.
+        doubtful: (T, M) points that are asked about.
         away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
-    doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
-    xyz = track(recording, learn_motion(doubted, EACH_MARKER), hidden=asked).xyz_m
-    known = np.isfinite(recording.xyz_m[..., 0])
-    miss_m, out = np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.zeros_like(asked)
+    doubted = recording.having(position=np.where(doubtful[..., None], np.nan, recording.xyz_m))
+    xyz = track(recording, learn_motion(doubted, EACH_MARKER), hidden=doubtful).xyz_m
+    finite = np.isfinite(recording.xyz_m[..., 0])
+    miss_m, out = np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.zeros_like(doubtful)
     for marker in np.flatnonzero(np.isfinite(away_m).any(axis=0)).tolist():
-        frames, others = np.flatnonzero(asked[:, marker]), known[:, marker] & ~asked[:, marker]
+        frames, others = np.flatnonzero(doubtful[:, marker]), finite[:, marker] & ~doubtful[:, marker]
         for run in np.split(frames, np.flatnonzero(np.diff(frames) > PAUSE + 1) + 1):
             contradicted = run[np.isfinite(away_m[run, marker])]
             ends = [(run[0], slice(max(0, run[0] - 3), run[0])), (run[-1], slice(run[-1] + 1, run[-1] + 4))]
@@ -200,8 +200,8 @@ def _without_wrong_rays(recording: Recording, pose: PoseSettings, learned: Learn
     if not wrong.any():
         return recording
     points = wrong.any(axis=0) & np.isfinite(recording.xyz_m[..., 0])
-    told = *recording.findings, *sentences.rejected("contradicted", points), sentences.wrong_rays(wrong)
-    return replace(_without(recording, points, wrong), findings=told)
+    findings = *recording.findings, *sentences.rejected("contradicted", points), sentences.wrong_rays(wrong)
+    return replace(_without(recording, points, wrong), findings=findings)
 
 
 def _without(recording: Recording, points: Mask, rays: Mask) -> Recording:
@@ -242,17 +242,17 @@ def _wrong_rays(recording: Recording, runs: Sequence[Disagreement], xyz_m: Array
     """
     wrong = np.zeros(recording.uv_px.shape[:3], dtype=bool)
     for run in runs:
-        known = run.frames[np.isfinite(xyz_m[run.frames, run.marker, 0])]
-        if not len(known):
+        frames = run.frames[np.isfinite(xyz_m[run.frames, run.marker, 0])]
+        if not len(frames):
             continue
-        away = np.array([_ray_distances(recording, c, known, run.marker, xyz_m, cov_m2) for c in run.cameras])
+        away = np.array([_ray_distances(recording, c, frames, run.marker, xyz_m, cov_m2) for c in run.cameras])
         bad = int(np.argmax(away.mean(axis=1)))
         kept = float(away[1 - bad].mean())
         more = (away[bad] - away[1 - bad]) / max(1.0, kept / 2)  # of two rows: the filter may be surer than it should
         if more.mean() < SURE or kept > FAR**2:
             continue
-        shows = np.flatnonzero((more >= SURE) | np.isnan(recording.xyz_m[known, run.marker, 0]))
-        wrong[run.cameras[bad], known[shows[0] : shows[-1] + 1], run.marker] = True
+        shows = np.flatnonzero((more >= SURE) | np.isnan(recording.xyz_m[frames, run.marker, 0]))
+        wrong[run.cameras[bad], frames[shows[0] : shows[-1] + 1], run.marker] = True
     return wrong
 
 
@@ -272,18 +272,18 @@ def _ray_distances(
 
 def _pose(recording: Recording, learned: LearnedModel | None) -> PoseSettings:
     """The pose model without a regression, and with the process noise that all passes share, looked for once."""
-    known = None if learned is None else learned.models[-1]
-    pose = replace(known if isinstance(known, PoseSettings) else PoseSettings(), regression=0.0)
+    settings = None if learned is None else learned.models[-1]
+    pose = replace(settings if isinstance(settings, PoseSettings) else PoseSettings(), regression=0.0)
     if pose.process_noise or not _can_expect(recording, learned):
         return pose
     return pose.tuned(_trials(recording, learned))
 
 
-def _trials(recording: Recording, learned: LearnedModel | None, known: TrialSet | None = None) -> TrialSet:
+def _trials(recording: Recording, learned: LearnedModel | None, trials: TrialSet | None = None) -> TrialSet:
     """What is left of the recording, and other trials: those that are known, with their models, if it is the same."""
     own = marker_trial(recording)
-    if known is not None and _same(known.trials[-1], own):
-        return known
+    if trials is not None and _same(trials.trials[-1], own):
+        return trials
     if learned is not None:
         return trials_for(learned, recording.names, own)
     return trial_set(recording)
@@ -295,8 +295,8 @@ def _same(a: MarkerTrial, b: MarkerTrial) -> bool:
 
 def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:
     """(T, M) Mahalanobis distances of (T, M, 3) in (T, M, 3, 3), where asked for and known; 0 elsewhere."""
-    known = where & np.isfinite(miss[..., 0])
+    finite = where & np.isfinite(miss[..., 0])
     out = np.zeros(where.shape)
-    solved = np.linalg.solve(cov[known], miss[known][..., None])[..., 0]
-    out[known] = np.sqrt(np.maximum(np.einsum("ki,ki->k", miss[known], solved), 0.0))
+    solved = np.linalg.solve(cov[finite], miss[finite][..., None])[..., 0]
+    out[finite] = np.sqrt(np.maximum(np.einsum("ki,ki->k", miss[finite], solved), 0.0))
     return out

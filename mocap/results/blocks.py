@@ -95,9 +95,9 @@ class BlockWriter:
     def _kinematics_table(self, frames: np.ndarray, found: Kinematics) -> pa.Table:
         self._quantities = self._quantities or list(found)
         columns: dict[str, Any] = {"frame": frames, "t_s": found.t_s}
-        words, known = pa.array(REST_WORDS), {one.name: one for one in found.quantities}
+        words, of_name = pa.array(REST_WORDS), {one.name: one for one in found.quantities}
         for name in self._quantities:
-            one = known.get(name)
+            one = of_name.get(name)
             empty = np.full(len(frames), np.nan)
             columns[name] = empty if one is None else one.value
             columns[f"{name}_sd"] = (empty if one is None else one.sd).astype(np.float32)

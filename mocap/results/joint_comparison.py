@@ -42,11 +42,11 @@ def compare_joints(runs_a: Path, runs_b: Path, *, joint: str, by: By = "trial") 
     Raises:
         MocapError: no runs, no such joint, or too few of either to judge.
     """
-    asked = [part.strip() for part in joint.split(",")]
-    if len(asked) > 2:
+    joints = [part.strip() for part in joint.split(",")]
+    if len(joints) > 2:
         raise MocapError(f"`joint` {joint}: give one joint, or one for each group with a comma between")
     groups = [_runs(folder) for folder in (runs_a, runs_b)]
-    radians = [[_angles(run, name) for run in runs] for runs, name in zip(groups, (asked[0], asked[-1]), strict=True)]
+    radians = [[_angles(run, name) for run in runs] for runs, name in zip(groups, (joints[0], joints[-1]), strict=True)]
     whole = np.exp(1j * np.concatenate([angle for group in radians for angle in group])).mean()
     middle = float(np.angle(whole))  # half a turn away from it no angle jumps but those that are there
     degrees = [[np.degrees(middle + np.angle(np.exp(1j * (one - middle))))[:, None] for one in g] for g in radians]
@@ -59,7 +59,7 @@ def compare_joints(runs_a: Path, runs_b: Path, *, joint: str, by: By = "trial") 
         return compare(
             *degrees,
             animals=(owners[0], owners[1]) if paired or by == "animal" else None,
-            names=[f"{' and '.join(dict.fromkeys(asked))} angle"],
+            names=[f"{' and '.join(dict.fromkeys(joints))} angle"],
             units=["°"],
         )
     except ValueError as error:

@@ -34,10 +34,10 @@ def write_keypoints(run: Recording, files: Mapping[str, str], folder: Path) -> N
     run.in_space("an export of key points")
     whole = contents_of(run)
     for name, file in files.items():
-        known = by_name(name)
-        if "points" in known.holds:
+        format = by_name(name)
+        if "points" in format.holds:
             write(whole, folder / file, name, filled=True)
-        if "pixels" in known.holds and run.cameras and not known.both:
+        if "pixels" in format.holds and run.cameras and not format.both:
             write(whole.without_points(), folder / file, name)
 
 

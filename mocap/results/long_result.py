@@ -120,11 +120,11 @@ def write_in_blocks(
         if detail is None or sums is None:
             raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
         with stages.stage("overview, potentials, figures"):
-            told = (*recording.told, *recording.findings, *over_blocks(found_out))
+            findings = (*recording.readings, *recording.findings, *over_blocks(found_out))
             tracked, cleaned = (_joined([pair[i] for pair in thin]) for i in (0, 1))
-            cleaned = replace(cleaned, findings=told)
+            cleaned = replace(cleaned, findings=findings)
             data = tracked.data.assign_attrs(model=models.most_common(1)[0][0])
-            tracked = replace(tracked, data=data, findings=told).with_motion(still(tracked.tracks))
+            tracked = replace(tracked, data=data, findings=findings).with_motion(still(tracked.tracks))
             sums = {**sums, "blocks": {"frames": size, "every": every, "shown": len(tracked.t_s)}}
             sums["tracked"] = {"first": seen[0] + 1, "last": seen[-1]}
             tracked = reported(tracked, cleaned, why=why, scores=scores, stages=stages, whole=sums)
@@ -157,13 +157,13 @@ def _joined(parts: Sequence[Recording]) -> Recording:
     return replace(parts[0], data=joined)
 
 
-def _better(known: tuple[int, Recording] | None, run: Recording) -> tuple[int, Recording]:
+def _better(best: tuple[int, Recording] | None, run: Recording) -> tuple[int, Recording]:
     """The stretch of which most was measured: the middle of a block, if it has more than the one before."""
     n = len(run.t_s)
     start = max(0, (n - DETAIL) // 2)
     frames = slice(start, min(n, start + DETAIL))
     count = int((run.tracks.status[frames] == Status.MEASURED).sum())
-    if known is not None and count <= known[0]:
-        return known
+    if best is not None and count <= best[0]:
+        return best
     part = run.at(frames)
     return count, replace(part, data=part.data.copy(deep=True))

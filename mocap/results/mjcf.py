@@ -70,20 +70,20 @@ def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
         )
     trunk = [names.index(m) for m in skeleton.trunk]
     axes = body_frames(markers.xyz_m[:, trunk], dt_s=_step(markers.t_s))
-    known = markers.status == Status.MEASURED
-    xyz = np.where(known[..., None], markers.xyz_m, np.nan)
+    measured = markers.status == Status.MEASURED
+    xyz = np.where(measured[..., None], markers.xyz_m, np.nan)
     joints = articulation(names, xyz, markers.sd_m, axes.rotation, trunk=skeleton.trunk, bones=skeleton.rigid)
     if not joints:
         raise MocapError(f"{run.name}: no segment beyond the trunk is seen often enough for {what}")
     body = axes.to_body(xyz)
-    stated = [p for p in skeleton.measures.segments.values() if {p.start, p.end} <= set(skeleton.trunk)]
+    trunk_parts = [p for p in skeleton.measures.segments.values() if {p.start, p.end} <= set(skeleton.trunk)]
     return FittedAnimal(
         names=names,
         trunk={m: _mean(body[:, names.index(m)]) for m in skeleton.trunk},
         body=body,
         joints=joints,
         masses=_masses(run, joints),
-        trunk_kg=1e-3 * sum(part.mass_g for part in stated) or UNKNOWN_KG,
+        trunk_kg=1e-3 * sum(part.mass_g for part in trunk_parts) or UNKNOWN_KG,
     )
 
 
@@ -160,8 +160,8 @@ def _masses(run: Recording, joints: Sequence[Articulation]) -> dict[str, float]:
 
 
 def _mean(xyz: Array) -> Array:
-    known = xyz[np.isfinite(xyz).all(axis=-1)]
-    return known.mean(axis=0) if len(known) else np.full(3, np.nan)
+    finite = xyz[np.isfinite(xyz).all(axis=-1)]
+    return finite.mean(axis=0) if len(finite) else np.full(3, np.nan)
 
 
 def _step(t_s: Array) -> float:

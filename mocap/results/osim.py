@@ -36,13 +36,13 @@ def osim_text(run: Recording) -> str:
     model = ElementTree.SubElement(document, "Model", name=plain_name(run.name))
     _text(model, "gravity", numbers(-GRAVITY_M_S2 * np.array(AXES[run.skeleton.measures.up])))
     bodies, joints, markers = (_objects(model, kind) for kind in ("BodySet", "JointSet", "MarkerSet"))
-    known = {name: at for name, at in animal.trunk.items() if np.isfinite(at).all()}
-    places = np.array(list(known.values()))
+    trunk = {name: at for name, at in animal.trunk.items() if np.isfinite(at).all()}
+    places = np.array(list(trunk.values()))
     spread = max(float(np.mean(places.var(axis=0).sum())), 1e-8)
     _body(bodies, "trunk", animal.trunk_kg, places.mean(axis=0), animal.trunk_kg * spread * np.eye(3))
     _joint(joints, "FreeJoint", "root", ("/ground", np.zeros(3)), "/bodyset/trunk", np.eye(3))
-    holders = dict.fromkeys(known, "trunk")
-    for name, at in known.items():
+    holders = dict.fromkeys(trunk, "trunk")
+    for name, at in trunk.items():
         _marker(markers, name, "trunk", at)
     for joint, at, vector in animal.segments():
         title, mass = plain_name(f"{joint.centre}_{joint.child}"), animal.masses[joint.child]

@@ -95,10 +95,10 @@ def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Fa
     index = {plain_name(marker).lower(): i for i, marker in enumerate(markers.names)}
     xyz = np.where((markers.status == Status.MEASURED)[..., None], markers.xyz_m, np.nan)
     found: dict[str, tuple[Array, Array]] = {}
-    for body, held in places.items():
-        known = [(place, index[marker.lower()]) for marker, place in held.items() if marker.lower() in index]
+    for body, own in places.items():
+        placed = [(place, index[marker.lower()]) for marker, place in own.items() if marker.lower() in index]
         pairs = []
-        for (a, i), (b, j) in combinations(known, 2):
+        for (a, i), (b, j) in combinations(placed, 2):
             measured = np.linalg.norm(xyz[:, i] - xyz[:, j], axis=-1)
             length = float(np.linalg.norm(a - b))
             if np.isfinite(measured).sum() >= 5 and length > 0:
@@ -106,7 +106,7 @@ def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Fa
         if pairs:
             found[body] = tuple(np.array(pairs).T)
     if not found:
-        there = sorted({marker for held in places.values() for marker in held})
+        there = sorted({marker for own in places.values() for marker in own})
         raise MocapError(
             f"{name}: no body of this model has two markers of the recording, by which it could be scaled: its markers "
             f"are {', '.join(there[:8]) or 'none'}; those of the recording {', '.join(markers.names[:8])}: give them "

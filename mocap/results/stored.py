@@ -111,7 +111,7 @@ def read_recording(folder: Path) -> Recording:
     path = folder / (EARLIER if early else RECORDING)
     found, header = earlier_record(folder, again=_AGAIN) if early else _opened(path)
     where = f"{path}: header"
-    told = checked(where, header, _HEADER, again=_AGAIN)
+    entries = checked(where, header, _HEADER, again=_AGAIN)
     cameras = tuple(
         Camera(
             name=c["name"][()],
@@ -130,8 +130,8 @@ def read_recording(folder: Path) -> Recording:
         raise FormatError(f"{folder / SKELETON}: has other joints than {path.name}: {_AGAIN}")
     potentials = {kind: _potentials_of(folder, kind, where, header, joints) for kind in (PLANAR, SPATIAL)}
     return Recording(
-        name=told["name"][()],
-        data=data.assign_attrs(model=told["model"][()], y_up=int(told["y_up"])),
+        name=entries["name"][()],
+        data=data.assign_attrs(model=entries["model"][()], y_up=int(entries["y_up"])),
         skeleton=skeleton,
         cameras=cameras,
         cleaned=True,
@@ -192,12 +192,12 @@ def _lens(lens: Lens | None) -> dict[str, Any]:
     }
 
 
-def _lens_of(told: Mapping[str, Any], where: str) -> Lens | None:
+def _lens_of(entries: Mapping[str, Any], where: str) -> Lens | None:
     """The lens of a camera's record; None: it has none."""
-    parts = [told.get(name) for name in ("f_px", "centre_px", "coefficients")]
-    if "lens" not in told:
+    parts = [entries.get(name) for name in ("f_px", "centre_px", "coefficients")]
+    if "lens" not in entries:
         return None
-    model = MODELS[told["lens"][()]]
+    model = MODELS[entries["lens"][()]]
     if any(part is None for part in parts) or len(parts[2]) != model.n_coefficients:  # type: ignore[arg-type]
         raise FormatError(
             f"{where}: cameras: a {model.model} lens has not its {model.n_coefficients} numbers: {_AGAIN}"
@@ -216,7 +216,7 @@ def _potentials_of(
         raise FormatError(f"{where}: potentials: {kind}: expected a table by names of joints: {_AGAIN}")
     out, wanted = {}, 2 if kind == PLANAR else 3
     for (name, one), file in zip(found.items(), file_names(found), strict=True):
-        told = checked(f"{where}: potentials: {kind}: {name}", one, _POTENTIAL, again=_AGAIN)
+        entries = checked(f"{where}: potentials: {kind}: {name}", one, _POTENTIAL, again=_AGAIN)
         try:
             potential = load_potential(folder / kind / f"{file}.npz")
         except ArchiveError as error:
@@ -225,10 +225,10 @@ def _potentials_of(
             raise FormatError(
                 f"{folder / kind / file}.npz: has {potential.dimension} coordinates, expected {wanted}: {_AGAIN}"
             )
-        scale_m = float(told["scale_m"])
+        scale_m = float(entries["scale_m"])
         samples_m = scale_m * potential.samples
         out[name] = JointPotential(
-            joint=name, frame=told["frame"][()], scale_m=scale_m, samples_m=samples_m, potential=potential
+            joint=name, frame=entries["frame"][()], scale_m=scale_m, samples_m=samples_m, potential=potential
         )
     return out
 
@@ -256,6 +256,6 @@ def _opened(path: Path) -> tuple[xr.Dataset, dict[str, Any]]:
     found = read_netcdf(path, again=_AGAIN)
     header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        told = header.get("format") if isinstance(header, dict) else header
-        raise FormatError(f"{path}: is {told}, expected {FORMAT}: track again with this version")
+        format = header.get("format") if isinstance(header, dict) else header
+        raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
     return found, header

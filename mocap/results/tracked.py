@@ -166,8 +166,8 @@ class Tracked(Recording):
             return body_potential(self.kinematics, joint, axes.sequence, translations=translations)
         found = self.potentials.get(joint)
         if found is None:
-            known = ", ".join(self.potentials) or "none: give a skeleton with joints"
-            raise MocapError(f"there is no potential of a joint {joint!r}: there are {known}")
+            joints = ", ".join(self.potentials) or "none: give a skeleton with joints"
+            raise MocapError(f"there is no potential of a joint {joint!r}: there are {joints}")
         return found
 
     def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> "Tracked":
@@ -322,7 +322,7 @@ class Tracked(Recording):
         """
         checked = skeleton.for_markers(self.names, source=self.name)
         found = replace(self, skeleton=checked)
-        return Tracked.of(found.with_motion(with_means(self.motion, found.asked)))
+        return Tracked.of(found.with_motion(with_means(self.motion, found.rate_points)))
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""

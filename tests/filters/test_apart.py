@@ -9,7 +9,7 @@ from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.observations import PixelObservations, PositionObservations, some_markers
 from mocap.filters.track import smooth
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked
@@ -120,8 +120,8 @@ def test_as_one_matrix_of_all(lasts):
 def test_a_marker_is_not_changed_by_others(kind):
     """Each marker alone is what it is among the others: positions, covariances, velocities."""
     model, seen, t_s = scene(kind)
-    asked = Asked(names=("a", "b", "c", "d"))
-    whole = smooth(model, seen, t_s, asked=asked)
+    asked = RatePoints(names=("a", "b", "c", "d"))
+    whole = smooth(model, seen, t_s, rate_points=asked)
     assert whole.rates is not None
     for m in range(M):
         alone = ConstantVelocity(
@@ -130,7 +130,7 @@ def test_a_marker_is_not_changed_by_others(kind):
             speed_sd_m_s=model.speed_sd_m_s,
             density=model.density[[m]],
         )
-        found = smooth(alone, some_markers(seen, np.array([m])), t_s, asked=Asked(names=("a",)))
+        found = smooth(alone, some_markers(seen, np.array([m])), t_s, rate_points=RatePoints(names=("a",)))
         np.testing.assert_allclose(found.xyz_m[:, 0], whole.xyz_m[:, m], atol=1e-12)
         np.testing.assert_allclose(found.cov_m2[:, 0], whole.cov_m2[:, m], rtol=1e-7)
         assert found.rates is not None

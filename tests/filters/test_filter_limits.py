@@ -27,7 +27,7 @@ def test_animals_that_differ_by_two_percent_are_of_two_sizes(larger, counts):
 def test_poses_are_learned_from_where_four_fifths_are_known():
     """Of more than thirty."""
     known = np.append(np.full(40, 0.95), [0.75, 0.85])
-    (learned,) = known_shapes(SimpleNamespace(known=[known]))
+    (learned,) = known_shapes(SimpleNamespace(certainty=[known]))
     assert learned.tolist() == [True] * 40 + [False, True]
 
 

@@ -63,7 +63,7 @@ def test_each_trial_is_tracked_about_its_own_mean(two):
     trials, shapes = two
     for target in (0, 1):
         order = [1 - target, target]
-        lists = ("z", "rate", "acceleration", "known", "residual")
+        lists = ("z", "rate", "acceleration", "certainty", "residual")
         own = replace(
             shapes,
             offset=shapes.offset[order],
@@ -86,10 +86,10 @@ def test_each_trial_is_tracked_about_its_own_mean(two):
 def test_motion_is_recorded_where_poses_are_known(two):
     """Poses known less than the limit are left out, and what is on either side of them are stretches of their own."""
     trials, shapes = two
-    known = [part.copy() for part in shapes.known]
+    known = [part.copy() for part in shapes.certainty]
     known[0][:] = known[1][:] = 0.95
     known[0][100:120] = known[1][:5] = 0.5
-    motion = recorded_motion(trials, replace(shapes, known=known))
+    motion = recorded_motion(trials, replace(shapes, certainty=known))
     np.testing.assert_array_equal(motion.trial, np.repeat([0, 1, 2], [100, 160, 275]))
     first, second = shapes.z
     np.testing.assert_array_equal(motion.z, np.concatenate([first[:100], first[120:], second[5:]]))

@@ -104,7 +104,7 @@ def test_the_penalty_pulls_towards_the_data():
 def test_the_pose_model_holds_its_data(learned):
     """Two modes are found, and the model's markers at the learned shapes are the measured ones, to the noise."""
     xyz, _, model, shapes, _ = learned
-    z, known = shapes.z[0], shapes.known[0]
+    z, known = shapes.z[0], shapes.certainty[0]
     assert z.shape == (len(xyz), 2)
     assert model.name == "pose_constant_velocity"
     assert (known > 0.9).all()

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from mocap.datasets import make_bat
-from mocap.filters.limb_potential import HeldKeeper
+from mocap.filters.limb_potential import LimbKeeper
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import NAMED
 
-from mocap.kinematics.points import asked_for
+from mocap.kinematics.points import rate_points_for
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.tracking import learn_motion, seen_part, track
@@ -28,9 +28,9 @@ def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """
     part = bat
     model = learn_motion(part, PoseSettings(ranks=(4,), regression=0))
-    asked = asked_for(part.names, part.skeleton, n_frames=60)
-    found = track(part, model, asked=asked)
-    limbs = HeldKeeper.of(model.motion).limbs
+    asked = rate_points_for(part.names, part.skeleton, n_frames=60)
+    found = track(part, model, rate_points=asked)
+    limbs = LimbKeeper.of(model.motion).limbs
     assert list(found.limbs) == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
     for held, limb in zip(found.limbs.values(), limbs, strict=True):
         assert held["state"].shape == (60, 2)
@@ -57,15 +57,15 @@ def barrier(limb, q):
 def test_nothing_is_kept_where_nothing_is_asked(bat):
     part = bat
     model = learn_motion(part, PoseSettings(ranks=(4,), regression=0, potential="none"))
-    assert HeldKeeper.of(model.motion) is None
+    assert LimbKeeper.of(model.motion) is None
 
 
 def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """A map for each limb, V_z low where it was; the pull is how markers move with minus the gradient by the angles."""
     part = bat
     motion = learn_motion(part, NAMED["articulated"].settings)
-    asked = asked_for(part.names, part.skeleton, n_frames=60)
-    found = track(part, motion, asked=asked)
+    asked = rate_points_for(part.names, part.skeleton, n_frames=60)
+    found = track(part, motion, rate_points=asked)
     assert list(found.limbs) == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
     for held in found.limbs.values():
         assert (held["at_state"] < 0.9).mean() > 0.9

@@ -5,10 +5,10 @@ import pytest
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
-from mocap.filters.moving import asked_of
+from mocap.filters.moving import rate_points_of
 from mocap.filters.observations import PositionObservations
 from mocap.filters.track import filter_forward, smooth, smooth_back
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 
 from tests.filters.test_motion_models import FRAMES, MARKERS, oscillating, pose
 
@@ -53,9 +53,11 @@ def test_velocities_and_their_change_are_those_of_the_whole_trajectory(most_byte
     )
     xyz = model.start_m + np.cumsum(0.02 * rng.normal(size=(n_frames, 2, 3)), axis=0)
     xyz[4:8, 1] = np.nan
-    asked = Asked(names=("a", "b", "mid"), weights=((0.5, 0.5),), pairs=((0, 1), (1, 2)))
+    asked = RatePoints(names=("a", "b", "mid"), weights=((0.5, 0.5),), pairs=((0, 1), (1, 2)))
     observations = PositionObservations(xyz_m=xyz, sd_m=np.full((n_frames, 2), sd))
-    found = smooth(model, observations, DT * np.arange(n_frames), gate_sd=np.inf, asked=asked, most_bytes=most_bytes)
+    found = smooth(
+        model, observations, DT * np.arange(n_frames), gate_sd=np.inf, rate_points=asked, most_bytes=most_bytes
+    )
     assert found.rates is not None
     mean, cov = dense(model, xyz, sd, n_frames)
     cov = cov.reshape(n_frames, 12, n_frames, 12)
@@ -115,12 +117,12 @@ def test_rates_of_a_pose_are_the_slopes_of_its_markers():
 
 def test_what_a_part_of_the_markers_cannot_give_is_left_out():
     """A mean that has lost half of its weight and pairs with it are left out; weights of the rest are 1 again."""
-    asked = Asked(
+    asked = RatePoints(
         names=("a", "b", "c", "most", "half"),
         weights=((0.4, 0.4, 0.2), (0.5, 0.0, 0.5)),
         pairs=((0, 2), (3, 0), (4, 0)),
     )
-    found = asked_of(("b", "a"), asked)
+    found = rate_points_of(("b", "a"), asked)
     assert found.names == ("b", "a", "most")
     np.testing.assert_allclose(found.all_weights, [[1, 0], [0, 1], [0.5, 0.5]])
     assert found.pairs == ((2, 1),)
@@ -132,7 +134,10 @@ def test_covariances_are_of_the_smoothed_state():
     model = ConstantVelocity(start_m=np.zeros((1, 3)), start_sd_m=1.0, speed_sd_m_s=1.0, density=np.array([2.0]))
     xyz = rng.normal(0, 0.1, (9, 1, 3))
     found = smooth(
-        model, PositionObservations(xyz_m=xyz, sd_m=np.full((9, 1), 0.1)), DT * np.arange(9), asked=Asked(names=("a",))
+        model,
+        PositionObservations(xyz_m=xyz, sd_m=np.full((9, 1), 0.1)),
+        DT * np.arange(9),
+        rate_points=RatePoints(names=("a",)),
     )
     assert found.rates is not None
     np.testing.assert_allclose(found.rates.own[:, :, :3, :3], found.cov_m2, rtol=1e-5, atol=1e-9)
@@ -144,8 +149,8 @@ def test_rates_of_a_pose_have_its_smoothed_covariance():
     model = pose(oscillating)
     seen = PositionObservations(xyz_m=rng.normal(size=(FRAMES, MARKERS, 3)), sd_m=np.full((FRAMES, MARKERS), 0.1))
     weights = ((0.5, 0.0, 0.5, 0.0),)
-    asked = Asked(names=("a", "b", "c", "d", "ac"), weights=weights, pairs=((0, 1), (3, 4)))
-    found = smooth(model, seen, DT * np.arange(FRAMES), gate_sd=np.inf, asked=asked)
+    asked = RatePoints(names=("a", "b", "c", "d", "ac"), weights=weights, pairs=((0, 1), (3, 4)))
+    found = smooth(model, seen, DT * np.arange(FRAMES), gate_sd=np.inf, rate_points=asked)
     assert found.rates is not None
     frames = list(filter_forward(model, seen, DT * np.arange(FRAMES), gate_sd=np.inf))
     for frame, (_, state, _) in zip(range(FRAMES - 1, -1, -1), smooth_back(reversed(frames)), strict=True):

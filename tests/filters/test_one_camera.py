@@ -11,7 +11,7 @@ from mocap.filters.one_camera import LeftOut, jitter_px, left_out, shown, track_
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import PosePrior, learn_prior, marker_sd, size_spread
 from mocap.filters.rays_and_bones import about
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 from scipy.spatial.transform import Rotation
 
 from tests.filters.flapping_trials import MATRIX, NAMES, TRUNK, filmed, flapping
@@ -34,8 +34,8 @@ def found(prior):
     trial = flapping(9)
     uv = filmed(trial, np.random.default_rng(0))
     uv[:, 50:70, NAMES.index("tip_l")] = np.nan
-    asked = Asked(names=NAMES, pairs=((0, 1),))
-    return trial, track_views(prior, views_of(uv), asked=asked)
+    asked = RatePoints(names=NAMES, pairs=((0, 1),))
+    return trial, track_views(prior, views_of(uv), rate_points=asked)
 
 
 def test_poses_and_places_are_found_without_a_start(found):

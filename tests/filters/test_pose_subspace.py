@@ -37,7 +37,7 @@ def test_complete_data_is_pca():
     left = np.sum(s[3:] ** 2) / len(y) / (y.shape[1] - 3)
     assert found.noise == pytest.approx(left, rel=0.05)
     variance = s[:3] ** 2 / len(y)
-    np.testing.assert_allclose(found.known, 1 - np.mean(left / variance), atol=1e-3)
+    np.testing.assert_allclose(found.certainty, 1 - np.mean(left / variance), atol=1e-3)
 
 
 def test_gaps_hide_nothing_of_a_low_rank_set():
@@ -68,7 +68,7 @@ def test_the_rank_is_found(rank):
     assert (np.diff(z.std(axis=0)) <= 1e-9).all()
     poses = subspace.mean + z @ subspace.basis.T
     assert np.sqrt(np.mean((poses - y) ** 2)) < 1.5e-3
-    assert ((found.known > 0.9) & (found.known <= 1)).all()
+    assert ((found.certainty > 0.9) & (found.certainty <= 1)).all()
 
 
 def test_a_small_component_counts():
@@ -147,7 +147,7 @@ def test_a_marker_never_seen_is_not_invented_far_away():
     assert np.isfinite(found.poses).all()
     assert np.sqrt(np.mean((found.poses[:100, 3:] - clean[:100, 3:]) ** 2)) < 2e-3
     np.testing.assert_allclose(found.poses[100], found.mean, atol=1e-12)
-    assert found.known[100] == pytest.approx(0, abs=1e-12)
+    assert found.certainty[100] == pytest.approx(0, abs=1e-12)
 
 
 def test_very_short_recordings():
@@ -175,5 +175,5 @@ def test_sums_over_parts_are_those_over_all(monkeypatch):
     whole = principal_components(y, 3, trial=trial)
     monkeypatch.setattr("mocap.filters.subspace.AT_ONCE", 7)
     parts = principal_components(y, 3, trial=trial)
-    for name in ("mean", "trial_offset", "trial_sd", "loading", "scores", "known", "noise"):
+    for name in ("mean", "trial_offset", "trial_sd", "loading", "scores", "certainty", "noise"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-8, atol=1e-10, err_msg=name)

@@ -117,7 +117,7 @@ def test_a_hidden_marker_is_where_the_others_have_it(noise_m, slip_m):
         simulated = two_bodies(noise_m=noise_m, slip_m=slip_m, seed=seed)
         trial, hidden = hide_one_at_a_time(simulated, 25)
         found = completed(trial, [[0, 1, 2, 3, 4], [5, 6, 7, 8, 9]])
-        np.testing.assert_array_equal(found.known, hidden)
+        np.testing.assert_array_equal(found.filled, hidden)
         error = (found.xyz_m - simulated.xyz_m)[hidden]
         squares.append(np.mean(error**2))
         scaled.append(np.mean(error**2 / np.diagonal(found.cov_m2[hidden], axis1=1, axis2=2)))

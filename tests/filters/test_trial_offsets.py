@@ -90,7 +90,7 @@ def test_one_trial_has_none():
     y, _, _ = low_rank(np.random.default_rng(5))
     y[50:80, :6] = np.nan
     plain, named = principal_components(y, 3), principal_components(y, 3, trial=np.zeros(len(y), dtype=np.int64))
-    for name in ("mean", "loading", "scores", "known", "noise"):
+    for name in ("mean", "loading", "scores", "certainty", "noise"):
         np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))
     assert not plain.trial_offset.any()
     assert not plain.trial_sd.any()

@@ -244,7 +244,7 @@ def test_the_report_says_how_calibration_and_profile_were_read(tmp_path):
         find_unit=False,
     )
     np.testing.assert_array_equal(got.ideal_px, want.ideal_px)
-    assert [said.text.partition(" and ")[0] for said in got.told] == [
+    assert [said.text.partition(" and ")[0] for said in got.readings] == [
         "c.csv: cells are separated by semicolons", "p.csv: cells are separated by semicolons",
     ]  # fmt: skip
-    assert not want.told
+    assert not want.readings

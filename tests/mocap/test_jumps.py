@@ -9,7 +9,7 @@ from mocap.datasets import make_bat, make_lizard
 
 from mocap.audit import alarms, audit_filmed, audit_recording, jump_findings
 from mocap.cameras.camera import record, undistorted
-from mocap.cameras.origin import StatedOrigin, decide_origin
+from mocap.cameras.origin import OriginOptions, decide_origin
 from mocap.io.contents import FileContents
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import of_points
@@ -61,7 +61,7 @@ def test_without_a_frame_rate_steps_are_told_per_frame():
     pixels = replace(twin.pixels, t_s=np.arange(200.0), uv_px=uv)
     shared = {"format": "x", "paths": (Path("x"),), "names": names, "frames": np.arange(200), "fps": None}
     cameras = {"pixels": pixels, "cameras": twin.cameras, "camera_names": twin.pixels.cameras}
-    stated = StatedOrigin(origin="upper-left", calibration_origin="upper-left")
+    stated = OriginOptions(origin="upper-left", calibration_origin="upper-left")
     for parts in ({"points": points}, cameras):
         contents = FileContents(**shared, **parts)
         for rate, told, not_told in ((None, " mm per frame", "m/s"), (240.0, " m/s", "per frame")):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from mocap.filters.moving import Rates
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import RatePoints
 
 from mocap.pipeline.tracking import motion_of
 from mocap.records import MarkerTracks, Status
@@ -18,9 +18,9 @@ def smoothed(rng):
     whole = (root @ np.swapaxes(root, 1, 2)).reshape(FRAMES, 2, 6, 2, 6)
     own = np.stack([whole[:, i, :, i] for i in range(2)], axis=1).astype(np.float32)
     cross = whole[:, 0, :, 1][:, None].astype(np.float32)
-    asked = Asked(names=NAMES, pairs=((0, 1),))
+    asked = RatePoints(names=NAMES, pairs=((0, 1),))
     velocity = rng.normal(size=(FRAMES, 2, 3))
-    return Rates(asked=asked, velocity_m_s=velocity, own=own, cross=cross, kept=np.ones((FRAMES, 2, 3)))
+    return Rates(rate_points=asked, velocity_m_s=velocity, own=own, cross=cross, kept=np.ones((FRAMES, 2, 3)))
 
 
 def returned(rates, added, *, left_m_s=0.0):
@@ -32,7 +32,7 @@ def returned(rates, added, *, left_m_s=0.0):
         cov_m2=rates.own[:, :2, :3, :3].astype(float) + added * np.eye(3),
         status=np.full((FRAMES, 2), Status.MEASURED),
     )
-    return motion_of(markers, slice(0, FRAMES), rates, rates.asked, left_m_s=left_m_s)
+    return motion_of(markers, slice(0, FRAMES), rates, rates.rate_points, left_m_s=left_m_s)
 
 
 def test_an_error_that_lasts_leaves_velocities_as_they_are():
@@ -73,9 +73,9 @@ def test_covariances_are_symmetric_to_the_last_bit():
 def test_a_velocity_covers_that_of_points_that_the_track_leaves():
     """As of two values of which either may be right: half of the square of the difference; of a mean by weights."""
     rates = smoothed(np.random.default_rng(3))
-    mean = Asked(names=(*NAMES, "both"), weights=((0.25, 0.75),), pairs=((0, 1),))
+    mean = RatePoints(names=(*NAMES, "both"), weights=((0.25, 0.75),), pairs=((0, 1),))
     three = {name: getattr(rates, name)[:, [0, 1, 1]] for name in ("velocity_m_s", "own", "kept")}
-    rates = replace(rates, asked=mean, **three)
+    rates = replace(rates, rate_points=mean, **three)
     left = np.zeros((FRAMES, 2, 3))
     left[2, 0] = 0.3, 0.0, -0.4
     plain, wide = (returned(rates, 0.0, left_m_s=left_m_s) for left_m_s in (0.0, left))

@@ -13,7 +13,7 @@ from mocap.filters.velocities import Motion, with_means
 from eal.arrays import true_runs
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import cycles, cycles_table, ensemble, footfalls, mean_angles
-from mocap.kinematics.points import asked_for
+from mocap.kinematics.points import rate_points_for
 from mocap.measures import Measures
 from mocap.skeleton import Skeleton
 
@@ -34,7 +34,7 @@ def exact(scene, skeleton, t_s, *, sd_m=1e-4, sd_m_s=1e-3):
         kept=np.ones(x.shape),
         measured=np.ones(shape, dtype=bool),
     )
-    return with_means(motion, asked_for(skeleton.markers, skeleton, n_frames=len(t_s)))
+    return with_means(motion, rate_points_for(skeleton.markers, skeleton, n_frames=len(t_s)))
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from mocap.errors import MocapError
 from mocap.kinematics import angles
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.delta import Naming, Points, with_rates
-from mocap.kinematics.points import asked_for
+from mocap.kinematics.points import rate_points_for
 from mocap.kinematics.records import Rests
 from mocap.kinematics.stroke import analytic, stroke_plane
 from mocap.measures import JointAxes, Measures, Segment
@@ -149,7 +149,7 @@ def test_columns_carry_units_and_say_what_they_rest_on():
     xyz = motion.xyz_m.copy()
     xyz[6, 0] = np.nan
     changed = replace(motion, measured=measured, xyz_m=xyz)
-    asked = asked_for(NAMES, skeleton, n_frames=9)
+    asked = rate_points_for(NAMES, skeleton, n_frames=9)
     table = kinematics(with_means(changed, asked), skeleton, recording="trial")
     for name, unit in (("knee_flexion", "deg"), ("knee_flexion_rate", "deg_s"), ("body_speed", "m_s")):
         assert table[f"{name}_{unit}"].unit == unit
@@ -173,7 +173,7 @@ def test_the_centre_of_mass_of_two_segments():
         "shank": Segment(start="knee", end="ankle", mass_g=1.0, centre=0.5),
     }
     motion, skeleton, root = limb(measures=Measures(segments=parts))
-    found = kinematics(with_means(motion, asked_for(NAMES, skeleton, n_frames=9)), skeleton)
+    found = kinematics(with_means(motion, rate_points_for(NAMES, skeleton, n_frames=9)), skeleton)
     weights = np.array([0.45, 0.425, 0.125, 0.0])
     np.testing.assert_allclose(found["centre_of_mass_x_m"].value, motion.xyz_m[:, :, 0] @ weights)
     picked = np.zeros((4, 6))
@@ -185,7 +185,7 @@ def test_axes_that_a_skeleton_states_give_three_angles():
     """With axes a joint has flexion, abduction and rotation, without its one angle only."""
     axes = {"knee": JointAxes(parent=(("hip", "knee"), ("hip", "tip")), child=(("knee", "ankle"), ("knee", "tip")))}
     motion, skeleton, _ = limb(measures=Measures(axes=axes))
-    found = kinematics(with_means(motion, asked_for(NAMES, skeleton, n_frames=9)), skeleton)
+    found = kinematics(with_means(motion, rate_points_for(NAMES, skeleton, n_frames=9)), skeleton)
     assert {f"knee_{name}_deg" for name in ("angle", "flexion", "abduction", "rotation")} <= set(found)
     assert all(np.isfinite(found[f"knee_{name}_deg"].sd).all() for name in ("flexion", "abduction", "rotation"))
 
@@ -198,7 +198,7 @@ def test_a_course_that_crosses_south_turns_as_it_does_elsewhere():
     along = omega * np.stack([-np.sin(omega * t), np.cos(omega * t), 0 * t], axis=1)
     still = motion.xyz_m[:1]
     turning = replace(motion, xyz_m=still + circle[:, None], velocity_m_s=np.repeat(along[:, None], 4, axis=1))
-    found = kinematics(with_means(turning, asked_for(NAMES, skeleton, n_frames=80)), skeleton)
+    found = kinematics(with_means(turning, rate_points_for(NAMES, skeleton, n_frames=80)), skeleton)
     heading = found["body_heading_deg"].value
     assert heading.min() < -170
     assert heading.max() > 170

@@ -9,7 +9,7 @@ from mocap.filters.anatomy import counterparts
 from mocap.filters.velocities import Motion, with_means
 
 from mocap.kinematics.compute import kinematics
-from mocap.kinematics.points import asked_for
+from mocap.kinematics.points import rate_points_for
 
 
 def symmetric(recording):
@@ -32,7 +32,7 @@ def symmetric(recording):
 
 
 def both_sides(motion, skeleton):
-    found = kinematics(with_means(motion, asked_for(motion.names, skeleton, n_frames=len(motion.t_s))), skeleton)
+    found = kinematics(with_means(motion, rate_points_for(motion.names, skeleton, n_frames=len(motion.t_s))), skeleton)
     left = [
         name
         for name in found

@@ -25,7 +25,7 @@ from eal.spectral import FILTERS, Scaling
 VERSION = 1
 ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
 LARGEST = 1e19
-"""No number of a potential is larger."""
+"""No number of a potential is larger. Chosen; not measured."""
 ROUNDING = 1e-9
 """Of eigenvalues, which are between 0 and 1: far above that of float64 for thousands of samples."""
 _DAMAGE = (

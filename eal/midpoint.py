@@ -16,7 +16,7 @@ Array = NDArray[Any]
 Acceleration = Callable[[float, Array, Array], Array]
 
 HALVINGS = 8
-"""A step that does not converge is taken in halves, at most so often."""
+"""A step that does not converge is taken in halves, at most so often. Chosen; not measured."""
 
 
 def midpoint_step(

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 POINTS = 160
 """Of the grid in each coordinate; of the samples' range, on each side."""
 SD_STEP = 0.1
-"""Between the lines of equal standard deviation, where V is between 0 and 1."""
+"""Between the lines of equal standard deviation, where V is between 0 and 1. Chosen."""
 
 
 def plot_potential(

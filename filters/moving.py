@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 EVERY = 8
-"""Covariances of frames with those before them are computed in every so many frames."""
+"""Covariances of frames with those before them are computed in every so many frames. Chosen; not measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

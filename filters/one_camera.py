@@ -28,10 +28,12 @@ from scipy.special import expit
 from eal.arrays import Array
 
 ROUGHLY = 1.0
-"""Trials that are left out are tracked until nothing moves by so many deviations: numbers by under 1 % of theirs."""
+"""Trials that are left out are tracked until nothing moves by so many deviations: numbers by under 1 % of theirs.
+Measured on flights of a bat (docs/experiments/one_camera_intervals.md)."""
 
 ALARMS = 0.01
-"""Share of the frames of a trial like those that were learned from whose poses are called unlike them."""
+"""Share of the frames of a trial like those that were learned from whose poses are called unlike them. Chosen; not
+measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

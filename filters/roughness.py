@@ -12,7 +12,7 @@ RATES = 2.0 ** np.arange(-2, 3.5, 0.5)
 NOISES = 2.0 ** np.arange(-0.75, 0.25, 0.25)
 """Multiples of the stated noise that are looked at, as scales of Student's t."""
 MOST_FRAMES = 400
-"""Of longer recordings so many frames in the middle are looked at."""
+"""Of longer recordings so many frames in the middle are looked at. Chosen; not measured."""
 
 
 def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, usual_hz: float) -> Array:

@@ -79,7 +79,7 @@ def _cross(a: Array, b: Array, c: Array, d: Array) -> Mask:
 Progress = Callable[[float], None]
 
 _ALPHAS = (3e-4, 3e-3)
-"""Range of the weight of stiffnesses, one drawn a start: few members or many."""
+"""Range of the weight of stiffnesses, one drawn a start: few members or many. Chosen; not measured."""
 
 _LINES = {2: 12, 3: 6}
 """Grid lines of fixed nodes within reach each way, in the plane and in space."""
@@ -87,13 +87,13 @@ _LINES = {2: 12, 3: 6}
 
 _IDLE = 0.01  # of V = 1; chosen
 GOAL = 0.1
-"""RMS inside the region that a design should reach."""
+"""RMS inside the region that a design should reach, of V = 1. Chosen; not measured."""
 
 _AS_GOOD = 0.1
-"""Of two trusses whose RMS differs by this share, the one with fewer members is taken."""
+"""Of two trusses whose RMS differs by this share, the one with fewer members is taken. Chosen; not measured."""
 
 _WORST_OVERLAP = 0.5
-"""Overlap at the half level below which a design is refused."""
+"""Overlap at the half level below which a design is refused. Chosen; not measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

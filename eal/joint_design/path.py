@@ -14,7 +14,7 @@ from eal.joint_design.truss import Truss, truss_energy
 from eal.optional_jax import jax, jnp
 
 FINEST = 1e-7
-"""Share of a segment of the path down to which the end of a branch is bracketed."""
+"""Share of a segment of the path down to which the end of a branch is bracketed. Chosen; not measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -35,9 +35,10 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 ROOT = 0.01, 0.03
-"""A trunk is near the body's path: to that share of the animal's extent, and in radians (``_with_riders``)."""
+"""A trunk is near the body's path: to that share of the animal's extent, and in radians (``_with_riders``).
+Chosen; not measured."""
 MOST_FRAMES = 4000
-"""Of other recordings, from which joints and angles are learned."""
+"""Of other recordings, from which joints and angles are learned. Chosen; not measured."""
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
 ANGLES = PoseSettings(ranks=(8,), bones=0.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""

@@ -31,7 +31,7 @@ Over = Callable[[Kernel], Kernel]
 Potential = Literal["limb motion", "limbs", "none"]
 
 CENTRES = 200
-"""Most samples that V_z is learned from."""
+"""Most samples that V_z is learned from. Chosen; not measured."""
 WEIGHT = 4.0
 """Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units of the log
 density (``with_potential``). Of 1, 4 and 16 measured (docs/experiments/stiffness.md,

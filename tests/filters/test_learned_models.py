@@ -7,8 +7,6 @@ import pytest
 from mocap.filters.body_axes import body_frames
 from mocap.filters.models.constant_velocity import acceleration_density, learn_constant_velocity
 from mocap.filters.models.pose import (
-    CENTRES,
-    WEIGHT,
     PoseSettings,
     learn_pose,
     learn_potential,
@@ -66,10 +64,10 @@ def test_a_still_series_has_a_positive_density():
 
 
 def test_a_pose_is_held_by_the_potential_that_eal_learns():
-    """V_z of the filter is ``eal.fit_potential`` of the same samples; of many, of ``CENTRES`` evenly spaced ones."""
-    samples = np.random.default_rng(0).normal(size=(2 * CENTRES - 1, 3))
+    """V_z of the filter is ``eal.fit_potential`` of the same samples; of many, of 200 evenly spaced ones."""
+    samples = np.random.default_rng(0).normal(size=(399, 3))
     q = np.random.default_rng(1).normal(size=(50, 3))
-    for some, all_of in ((samples[:CENTRES], samples[:CENTRES]), (samples[::2], samples)):
+    for some, all_of in ((samples[:200], samples[:200]), (samples[::2], samples)):
         np.testing.assert_allclose(learn_potential(all_of).value(q), fit_potential(some).value(q), atol=1e-12)
 
 
@@ -145,7 +143,7 @@ def test_the_potential_is_added_and_nothing_else(learned, kind, potential):
     if kind is Quadratic:  # V = (x - mean) grad V / 2 is charged the weight on average
         away = states - states.mean(axis=0)
         charged = 0.5 * np.mean(np.sum(away * added.gradient(states), axis=1))
-        assert charged == pytest.approx(WEIGHT / motion.tau_s, rel=0.02)
+        assert charged == pytest.approx(4 / motion.tau_s, rel=0.02)
 
 
 def test_constant_velocity_starts_where_each_marker_is_first_seen(learned):

@@ -139,7 +139,8 @@ def test_recordings_of_twenty_thousand_frames_are_tracked_in_blocks(frames, size
 
 
 @pytest.mark.parametrize(
-    ("dt_s", "hidden", "frames"), [(0.02, 0, 60), (0.002, 0, 250), (0.02, 100, 130), (0.02, 969, 999), (0.02, 985, 1000)]
+    ("dt_s", "hidden", "frames"),
+    [(0.02, 0, 60), (0.002, 0, 250), (0.02, 100, 130), (0.02, 969, 999), (0.02, 985, 1000)],
 )
 def test_margins_are_of_half_a_second_sixty_frames_and_thirty_sightings(dt_s, hidden, frames):
     """Of two markers one is seen after so many frames; a thousand frames are the most, the last 15 of which show it."""

@@ -63,11 +63,6 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
                 )
 
 
-def comparison_blueprint(runs: Sequence[Path]) -> rrb.Blueprint:
-    """What is where on the screen; raises as ``write_comparison``."""
-    return compare_blueprint(*_read(runs))
-
-
 def _read(runs: Sequence[Path]) -> tuple[list[Stored], list[Difference]]:
     if not 2 <= len(runs) <= len(COLORS):
         raise MocapError(f"{len(runs)} runs: 2 to {len(COLORS)} can be compared")

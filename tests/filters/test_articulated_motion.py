@@ -100,7 +100,7 @@ def test_fitted_angles_are_those_of_the_pose():
     np.testing.assert_allclose(found.angles, q, atol=1e-6)
     np.testing.assert_allclose(found.rotation, np.tile(turn, (3, 1, 1)), atol=1e-6)
     np.testing.assert_allclose(found.shift_m, np.tile(shift, (3, 1)), atol=1e-6)
-    assert (found.known > 0.999).all()
+    assert (found.certainty > 0.999).all()
 
 
 def test_deviations_and_rates_are_derivatives(learned):

@@ -158,12 +158,12 @@ def test_what_a_body_does_not_say():
     xyz = simulated.trial.xyz_m.copy()
     xyz[50:80, [0, 1, 2]] = np.nan
     trial = replace(simulated.trial, xyz_m=xyz)
-    assert not completed(trial, [[0, 1, 2, 3, 4]]).known.any()
+    assert not completed(trial, [[0, 1, 2, 3, 4]]).filled.any()
     straight = simulated.trial.xyz_m.copy()
     straight[:, 2] = 0.3 * straight[:, 0] + 0.7 * straight[:, 1]
     straight[50:80, [3, 4]] = np.nan
     straight[100:130, 3] = np.nan
-    found = completed(replace(simulated.trial, xyz_m=straight), [[0, 1, 2, 3, 4]]).known
+    found = completed(replace(simulated.trial, xyz_m=straight), [[0, 1, 2, 3, 4]]).filled
     assert not found[50:80].any()
     assert found[100:130, 3].all()
 

@@ -26,7 +26,7 @@ HAND = NAMES.index("hand")
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return trial(tmp_path_factory.mktemp("edits"), films=False)
+    return trial(tmp_path_factory.mktemp("edits"), videos=False)
 
 
 def read(scene, **more):

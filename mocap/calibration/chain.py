@@ -55,7 +55,7 @@ def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tupl
         finite = np.isfinite(points[:, 0])
         counts = {c: int(np.count_nonzero(seen[c] & finite)) for c in range(n) if c not in found}
         c = max(counts, key=lambda c: counts[c])
-        if counts[c] < 6:
+        if counts[c] < 6:  # as many as coefficients need (``dlt``)
             raise CalibrationError(
                 f"camera {names[c]!r} shares {counts[c]} points with the others and needs 6: film the wand in its "
                 "view again"

@@ -14,8 +14,8 @@ from mocap.errors import CalibrationError
 FEWEST_POINTS = 6  # two equations each for eleven coefficients
 CHECKED_FROM = FEWEST_POINTS + 2
 """Places from which on each is left out of the fit in turn: the others then still have some to spare."""
-OPEN = 1e-9
-"""Least over greatest singular value of equations that leave something open; of open ones it is rounding, 1e-15."""
+OPEN = float(np.sqrt(np.finfo(np.float64).eps))
+"""Least over greatest singular value of equations that leave something open: half of the digits are lost."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

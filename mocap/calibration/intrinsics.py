@@ -236,7 +236,7 @@ def without_ray(lens: Lens, size_px: tuple[int, int]) -> float:
 
 
 def lens_trouble(lens: Lens, size_px: tuple[int, int]) -> str | None:
-    """Why a lens cannot be that of images of a size; None where it can."""
+    """Why a lens cannot be that of images of a size; None where it can. The limits are chosen, not measured."""
     share = np.asarray(lens.centre_px) / np.asarray(size_px)
     if (np.abs(share - 0.5) > 0.3).any():
         return f"has its principal point at ({lens.centre_px[0]:.0f}, {lens.centre_px[1]:.0f}) px, far from the middle"

@@ -128,7 +128,7 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     if own is not None and len(best) == 1:
         cov = cov + (1.4826 * np.median(np.abs(own - np.median(own)))) ** 2 / n
     k1, sd = _each(best, n), np.sqrt(np.diag(cov))
-    if not after < 0.97 * before:
+    if not after < 0.97 * before:  # chosen, as are the limits below
         raise CalibrationError(
             f"`fit_lens`: no lens reduces the reprojection error: the median residual of stretches left out of the "
             f"fit is {after:.2f} px with k1 {k1[0]:.3f} and {before:.2f} px without: leave it out"

@@ -204,7 +204,7 @@ def _refuse(result: WandCalibration, lenses: Sequence[Lens], names: Sequence[str
     """
     for camera, lens, sd, name in zip(result.cameras, lenses, result.f_sd_px, names, strict=True):
         ratio = camera.lens.f_px[0] / lens.f_px[0]
-        if not 0.7 < ratio < 1.4:
+        if not 0.7 < ratio < 1.4:  # these three limits are chosen, not measured
             raise CalibrationError(
                 f"camera {name!r}: the focal length went from {lens.f_px[0]:.0f} to {camera.lens.f_px[0]:.0f} px: "
                 "check its lens, or keep it fixed with `free` none"

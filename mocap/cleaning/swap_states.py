@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
 
 CAMERAS = 4
-"""Sets of exchanged cameras are gone through for so many cameras at most (16 sets)."""
+"""Sets of exchanged cameras are gone through for so many cameras at most: 16 sets. Chosen, not measured."""
 CHANGE = 7.0
 """Negative log probability that two names change in one camera between two frames: one in 1100.
 Chosen; with it 2 of 179 repairs were wrong (docs/experiments/arena.md)."""

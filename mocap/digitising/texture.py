@@ -15,11 +15,11 @@ from eal.arrays import Array
 from mocap.digitising.dots import Grey
 
 HALF_PX = 7
-"""Half the width of a template, less half a pixel."""
+"""Half the width of a template, less half a pixel. Chosen, not measured."""
 _ROOM_PX = 13  # about it; chosen, not measured
-_ALIKE, _APART = 0.7, 0.1
+_ALIKE, _APART = 0.7, 0.1  # least correlation with a template, and by how much the next place has less; chosen
 CLICK_PX = 0.5
-"""Standard deviations of a coordinate: of a click, of a match, and that each change of template adds."""
+"""Standard deviation of a coordinate of a click, on texture. Chosen, not measured."""
 MOST_REACH_PX = 60.0
 """A point moves by no more from frame to frame, where nothing else tells. Chosen, not measured."""
 
@@ -88,7 +88,7 @@ def followed(last: Followed, picture: Grey, guess: Array, reach_px: float) -> Fo
 
 
 def _found(template: Template, picture: Grey, uv: Array) -> Followed:
-    sd_px = float(np.hypot(template.sd_px, 0.2))
+    sd_px = float(np.hypot(template.sd_px, 0.2))  # of a match
     return Followed(uv=uv, sd_px=sd_px, template=template, before=_patch(picture, uv))
 
 

@@ -11,7 +11,8 @@ from mocap.filters.rigid import independent_samples
 from mocap.kinematics.pose import Pose
 
 FEWEST, MOST = 6, 20
-"""Parts of the motion of which each is left out once: 20 give a standard deviation to 1 / sqrt(2 * 19) = 16 %."""
+"""Parts of the motion of which each is left out once: 20 give a standard deviation to 1 / sqrt(2 * 19) = 16 %, 6 to a
+third, which is chosen."""
 
 
 @dataclass(frozen=True, eq=False)

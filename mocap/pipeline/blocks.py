@@ -32,13 +32,14 @@ from mocap.text import as_text
 Mask = NDArray[np.bool_]
 
 BLOCK = 4000
-"""Frames of a block."""
+"""Frames of a block; 34 markers then need half a GB, less than the program itself (docs/experiments/blocks.md)."""
 LONG = 20_000
-"""Recordings of more frames are tracked in blocks unless something else is asked for."""
+"""Recordings of more frames are tracked in blocks unless something else is asked for; 34 markers then need 3 GB."""
 LEAST_S, LEAST, MOST = 0.5, 60, 1000
-"""A margin is this long in seconds and in frames at least, in frames at most; each marker is seen in so many."""
+"""A margin is this long in seconds and in frames at least, in frames at most. After 60 frames constant velocity has
+forgotten all but e^-20 (tests/mocap/test_blocks.py); the others are chosen, not measured."""
 EXCERPTS, EXCERPT = 6, 400
-"""What is learned once is learned from so many stretches of so many frames, evenly over the recording."""
+"""What is learned once is learned from so many stretches of so many frames, evenly over the recording; chosen."""
 
 
 def blocks_of(n_frames: int, size: int) -> list[range]:
@@ -62,7 +63,7 @@ def margin(seen: Mask, dt_s: float) -> int:
     count = np.cumsum(seen[:MOST], axis=0)
     if not len(count):
         return 0
-    wanted = np.minimum(30, count[-1])
+    wanted = np.minimum(30, count[-1])  # chosen, not measured
     steady = (count >= wanted).argmax(axis=0) + 1
     return min(len(count), MOST, max(least, int(steady.max(initial=0))))
 

@@ -5,9 +5,10 @@ import pytest
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, residual_px, robust
+from mocap.cleaning import swap_states
 from mocap.cleaning.bias import hand_sd, lasting_share, persistent_px
 from mocap.cleaning.camera_health import camera_health
-from mocap.cleaning.click_noise import student_t
+from mocap.cleaning.click_noise import _most_likely_dof, student_t
 from mocap.cleaning.likelihoods import likelihood_noise
 from mocap.cleaning.swap_states import settle
 from mocap.cleaning.swapped_rays import _Rays, agreement, extent_px
@@ -215,3 +216,34 @@ def test_likelihoods_are_learned_from_twice_forty_clicks(points, enough):
     likelihood = np.full(uv.shape[:3], 0.9)
     likelihood[0] = np.linspace(0.5, 0.95, points)
     assert (likelihood_noise(matrices, uv, likelihood) is not None) == enough
+
+
+def test_tails_are_of_three_to_sixty_degrees():
+    """Squared distances of Cauchy's law and alike ones; the last step is a fifth beyond the grid."""
+    cauchy = np.random.default_rng(0).standard_cauchy(4000) ** 2
+    assert _most_likely_dof(cauchy) == pytest.approx(3.0)
+    assert _most_likely_dof(np.full(4000, 2.0)) == pytest.approx(1.2 * 60)
+
+
+@pytest.mark.parametrize(("n_cameras", "sets"), [(4, True), (5, False)])
+def test_sets_of_exchanged_cameras_are_those_of_four(monkeypatch, n_cameras, sets):
+    """A ray that is exchanged is one of a set that is judged, or is believed."""
+    way = []
+
+    def goes(name):
+        def gone(*_args, **_options):
+            way.append(name)
+            raise StopIteration
+
+        return gone
+
+    monkeypatch.setattr(swap_states, "exchanged_rays", lambda *_args, **_options: [None])
+    monkeypatch.setattr(swap_states, "settle_all", goes("sets"))
+    monkeypatch.setattr(swap_states, "exchange_rays", goes("rays"))
+    matrices, _, uv = scene(n_cameras, 1, 2)
+    found, ones = robust(matrices, uv, sd_px=1.0), np.ones(uv.shape[:3])
+    with pytest.raises(StopIteration):
+        swap_states.names_put_right(
+            matrices, uv, found, bones=np.zeros((0, 2), dtype=int), edited=np.zeros((1, 2), dtype=bool), relative=ones
+        )
+    assert way == ["sets" if sets else "rays"]

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from mocap.cameras.camera import project, stacked
-from mocap.pipeline import potentials, sentences
+from mocap.cli.track import block_size
+from mocap.pipeline import blocks, learning, potentials, sentences
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.recording import of_pixels, of_points
+from mocap.pipeline.retrack import tracked_again
 from mocap.pipeline.summary import Expected
 from mocap.pipeline.tracking import moved
 from mocap.pipeline.two_rays import Disagreement, _wrong_rays, disagreements
+from mocap.records import PixelTracks, Status, marker_tracks
+from mocap.skeleton import Skeleton
 from tests.mocap.rigs import ring
 
 
@@ -88,3 +94,67 @@ def test_a_potential_has_thirty_samples_and_at_most_five_hundred(monkeypatch, sa
     monkeypatch.setattr(potentials, "_potential", lambda _name, _frame, some, _trials: len(some))
     found = potentials.joint_potentials({}, "limb", None, None)
     assert list(found.values()) == learned
+
+
+def test_one_camera_believes_likelihoods_of_three_fifths():
+    """Clicks just below and just above, in a film without a calibration."""
+    pixels = PixelTracks(names=("a",), cameras=("c",), t_s=np.arange(4) / 100, uv_px=np.ones((1, 4, 1, 2)))
+    score = np.array([0.57, 0.63, 0.9, 0.9]).reshape(1, 4, 1)
+    found = clean(of_pixels(pixels, (), name="film", score=score)).data["status"].values
+    assert (found[:, 0] == Status.MEASURED).tolist() == [False, True, True, True]
+
+
+def test_forty_frames_around_an_edit_are_tracked_again():
+    """Of a marker at rest, edited in two frames."""
+    t_s, xyz = np.arange(200) / 100, np.random.default_rng(0).normal(0, 1e-3, (200, 1, 3))
+    tracks = marker_tracks(("a",), t_s, xyz, cov_m2=np.tile(1e-6 * np.eye(3), (200, 1, 1, 1)))
+    rest = of_points(tracks, Skeleton(markers=("a",)), name="rest")
+    window, found = tracked_again(rest, tracks, sd_px=1.0, markers=[0], first=100, last=101)
+    assert (window.start, window.stop) == (60, 142)
+    assert len(found.t_s) == 82
+
+
+@pytest.mark.parametrize(("frames", "kept"), [(4900, 4), (5100, 3)])
+def test_a_model_is_learned_from_twenty_thousand_frames(frames, kept):
+    """Four recordings of so many frames: all of them, or all but the last lot."""
+    some = learning._Some()
+    for number in range(4):
+        some.add(number, SimpleNamespace(trial=SimpleNamespace(t_s=np.arange(frames))))
+    assert len(some.kept) == kept
+
+
+def test_a_model_is_learned_from_five_thousand_frames_of_a_recording():
+    """The second half, as the marker is seen in all frames there, and in every other one of the first."""
+    xyz = np.zeros((10_000, 1, 3))
+    xyz[1:5000:2] = np.nan
+    tracks = marker_tracks(("a",), np.arange(10_000) / 100, xyz)
+    found = learning._Shown.of(clean(of_points(tracks, Skeleton(markers=("a",)), name="long"))).trial.t_s
+    assert (found[0], len(found)) == (50.0, 5000)
+
+
+@pytest.mark.parametrize(("frames", "size"), [(19_000, 0), (21_000, 4000)])
+def test_recordings_of_twenty_thousand_frames_are_tracked_in_blocks(frames, size):
+    """Of 4000 frames each."""
+    assert block_size(SimpleNamespace(name="long", t_s=np.arange(frames)), None) == size
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "hidden", "frames"),
+    [(0.02, 0, 60), (0.002, 0, 250), (0.02, 100, 130), (0.02, 969, 999), (0.02, 985, 1000)],
+)
+def test_margins_are_of_half_a_second_sixty_frames_and_thirty_sightings(dt_s, hidden, frames):
+    """Of two markers one is seen after so many frames; a thousand frames are the most, the last 15 of which show it."""
+    seen = np.ones((1500, 2), dtype=bool)
+    seen[:hidden, 1] = False
+    assert blocks.margin(seen, dt_s) == frames
+
+
+@pytest.mark.parametrize(("frames", "starts"), [(2000, 5), (2500, 6), (9000, 6)])
+def test_blocks_learn_from_six_stretches_of_four_hundred_frames(monkeypatch, frames, starts):
+    """Evenly over the recording, which shows nothing."""
+    asked = []
+    recording = SimpleNamespace(t_s=np.arange(frames), at=asked.append)
+    monkeypatch.setattr(blocks, "sighted", lambda _part: np.zeros((1, 1), dtype=bool))
+    assert blocks.learn_excerpts(recording)[0] is None
+    first = np.linspace(0, frames - 400, starts).astype(int)
+    assert [(part.start, part.stop) for part in asked] == [(start, start + 400) for start in first]

@@ -80,12 +80,12 @@ def test_a_window_is_a_part_of_the_picture(picture):
 
 
 def test_the_table_is_the_lens():
-    """Bilinear in steps of 4 px: within a hundredth of a pixel of the lens's own inverse, all over the picture."""
+    """Bilinear in steps of 4 px: 0.0055 px of the lens's own inverse at most, as the square of steps: 0.003 of 3 px."""
     camera = tunnel_cameras(2)[0]
     rng = np.random.default_rng(0)
     uv = rng.uniform(0, camera.size_px, (500, 2))
     table = straightening_of(camera, camera.size_px)
-    assert np.abs(table(uv) - camera.lens.undistort(uv)).max() < 0.01
+    assert 0.0042 < np.abs(table(uv) - camera.lens.undistort(uv)).max() < 0.007
 
 
 @pytest.mark.parametrize("kind", ["gray", "yuv420p", "yuvj420p", "rgb24", "bgr24", "gray16le", "gray12le"])

@@ -433,8 +433,8 @@ def robust(
     xyz = linear(matrices, uv, relative=scale)
     residual = residual_px(matrices, uv, xyz, relative=scale)
     shown = pixel_sd(residual, seen.sum(axis=0)) if sd_px is None else np.nan
-    sd = max(least_px or 0.0, shown) if sd_px is None else sd_px
-    limit = MISSES * max(sd, 1e-9)
+    sd = max(max(least_px or 0.0, shown) if sd_px is None else sd_px, 1e-9)  # pixels may be exact
+    limit = MISSES * sd
     for _ in range(len(matrices)):
         t, m = np.nonzero((residual > limit) & (np.isfinite(uv[..., 0]) & ~fixed).any(axis=0))
         if not len(t):

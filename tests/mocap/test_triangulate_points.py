@@ -229,6 +229,14 @@ def test_clean_pixels_lose_no_ray():
     np.testing.assert_allclose(found.xyz_m, points, rtol=0, atol=EXACT_M)
 
 
+def test_exact_pixels_give_points_with_covariances():
+    """Nothing is divided by a noise of 0: positions come back, and their covariances are as good as none."""
+    matrices, xyz = stacked(ring(4)), cloud(np.random.default_rng(3), 20)[None]
+    found = robust(matrices, project(matrices, xyz), sd_px=0.0)
+    np.testing.assert_allclose(found.xyz_m, xyz, atol=1e-9)
+    assert (np.trace(found.cov_m2, axis1=-2, axis2=-1) < 1e-20).all()
+
+
 def test_two_rays_that_disagree_are_no_point():
     """Nothing tells which of two is wrong: both are rejected, the point is lost, the others stay."""
     rng = np.random.default_rng(11)

@@ -126,8 +126,8 @@ def images(
     """From images of a checkerboard or ChArUco board: lenses and positions of 1 to 30 cameras."""
     from mocap.pipeline.calibrate import from_pictures
 
-    how = {"world_frame": world_frame, "lens": lens, "known": lenses, "tell": say}
-    made = partial(from_pictures, folder, filmed.board(square_mm), **how)
+    board = filmed.board(square_mm)
+    made = partial(from_pictures, folder, board, world_frame=world_frame, lens=lens, calibration=lenses, tell=say)
     _calibrated(made, out, (folder, lenses), force=force, as_json=as_json)
 
 

@@ -268,7 +268,7 @@ def write_board_session(
         progress: Told the share done.
 
     Returns:
-        Number of pictures.
+        Number of images.
 
     Raises:
         FileExistsError: there are images already.

@@ -50,7 +50,7 @@ def write_movies(
         folder: Where to.
         fps: Frames a second.
         start_s: (C,) time by which each camera starts late.
-        disturbances: What spoils the pictures.
+        disturbances: What spoils the images.
         seed: Of what is random in them.
         progress: Told the share done.
 

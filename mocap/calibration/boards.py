@@ -1,4 +1,4 @@
-"""Calibration boards: where their corners are, and finding them in pictures."""
+"""Calibration boards: where their corners are, and finding them in images."""
 
 from dataclasses import dataclass, replace
 
@@ -162,7 +162,7 @@ class Charuco:
         return Corners(ids=numbers, local_m=local, uv_px=pixels)
 
     def fitted(self, pictures: list[NDArray[np.uint8]]) -> "Charuco":
-        """The same board in the print (legacy or not, negative or not) that shows most corners in some pictures."""
+        """The same board in the print (legacy or not, negative or not) that shows most corners in some images."""
         prints = [replace(self, legacy=a, inverted=b) for b in (False, True) for a in (False, True)]
         counts = [sum(len(c.ids) for p in pictures if (c := b.find(p)) is not None) for b in prints]
         return prints[int(np.argmax(counts))]

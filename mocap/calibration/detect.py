@@ -81,7 +81,7 @@ class BoardViews:
     """What one camera saw of a board.
 
     Attributes:
-        size_px: Width and height of its pictures.
+        size_px: Width and height of its images.
         corners: By instant, where the board was found.
         missed: Instants of images in which it was not.
     """
@@ -120,7 +120,7 @@ def detect(
 
     Args:
         pictures: Files by camera and instant, or images that are read otherwise.
-        board: The board; of a ChArUco board, the print (legacy, negative) is found out from some pictures.
+        board: The board; of a ChArUco board, the print (legacy, negative) is found out from some images.
         progress: Told of each camera.
 
     Returns:

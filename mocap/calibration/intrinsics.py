@@ -36,7 +36,7 @@ class Intrinsics:
             was one choice.
         f_sd_px: Standard deviation of its focal length.
         cov: (k, k) covariance of fx, fy, cx, cy and the free coefficients; errors of one image go together.
-        rms_px: Root mean square error on all pictures.
+        rms_px: Root mean square error on all images.
     """
 
     lens: Lens
@@ -69,7 +69,7 @@ def fit_intrinsics(
     that folds in the corners of the image only where every other is 5 % worse.
 
     Args:
-        views: Corners of the pictures.
+        views: Corners of the images.
         size_px: Their size.
         name: Of the camera, for messages.
         choices: Names in ``CHOICES``.

@@ -1,4 +1,4 @@
-"""Where cameras with known lenses stand, from known points clicked in each camera's picture."""
+"""Where cameras with known lenses stand, from known points clicked in each camera's image."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

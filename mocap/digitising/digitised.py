@@ -227,7 +227,7 @@ def open_with_crops(
     crop: PathText | Sequence[PathText] | None,
     offset_frames: Sequence[int] | None,
 ) -> tuple[Videos, tuple[Camera, ...]]:
-    """Videos, and the cameras of their images: those given, or of windows of their pictures. As ``digitise``."""
+    """Videos, and the cameras of their images: those given, or of windows of their images. As ``digitise``."""
     if not crop:
         return open_videos(videos, cameras, offset_frames=offset_frames), tuple(cameras)
     files = [crop] if isinstance(crop, (str, PathLike)) else crop

@@ -1,4 +1,4 @@
-"""Errors of dots that last from frame to frame, differ between markers, or are shared by all pictures."""
+"""Errors of dots that last from frame to frame, differ between markers, or are shared by all images."""
 
 from dataclasses import dataclass
 

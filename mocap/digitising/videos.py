@@ -146,11 +146,11 @@ def open_windows(
     *,
     offset_frames: Sequence[int] | None = None,
 ) -> tuple[Videos, tuple[Camera, ...]]:
-    """Open videos that are windows of the calibrated pictures.
+    """Open videos that are windows of the calibrated images.
 
     Args:
         given: As of ``open_videos``.
-        cameras: The C cameras, of the whole pictures.
+        cameras: The C cameras, of the whole images.
         crops: (1, 2) or (frames, 2) places of the windows' upper left corners, by the name of the camera or video.
         offset_frames: As of ``open_videos``.
 

@@ -1,4 +1,4 @@
-"""Movies of a camera, read frame by frame: movie files of any kind that FFmpeg knows, or folders of pictures."""
+"""Movies of a camera, read frame by frame: movie files of any kind that FFmpeg knows, or folders of images."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -32,7 +32,7 @@ class Movie:
     """A movie that can be read; nothing of its images is kept.
 
     Attributes:
-        path: File, or folder of pictures.
+        path: File, or folder of images.
         pictures: The images of a folder, in the order of the numbers in their names; empty for a file.
         pts: (N,) time stamps of the frames of a file in its own units, increasing; empty for a folder.
         size_px: Width and height.

@@ -89,7 +89,7 @@ def places_from_board(
     for name, view in views.items():
         if len(view.corners) > 1:
             raise CalibrationError(
-                f"camera {name!r}: the board is seen in {len(view.corners)} pictures: give one for each camera, of the "
+                f"camera {name!r}: the board is seen in {len(view.corners)} images: give one for each camera, of the "
                 "board in one place"
             )
         if not view.corners:

@@ -107,7 +107,7 @@ class Footage:
 
     @property
     def there(self) -> NDArray[np.bool_]:
-        """(T,) frames of the recording that have a picture."""
+        """(T,) frames of the recording that have an image."""
         return (self.frames >= 0) & (self.frames < self.movie.n_frames)
 
 

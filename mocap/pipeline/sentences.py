@@ -129,7 +129,7 @@ def compared_points(where: str, stale: Sequence[StalePoint], total: int) -> Find
 
 
 def position_noise(sd_m: Array, plane: Plane | None) -> Finding:
-    """The (N,) standard deviations of positions that no camera explains, in space or in the plane of a picture."""
+    """The (N,) standard deviations of positions that no camera explains, in space or in the plane of an image."""
     unit, of = ("mm", "positions without cameras: their") if plane is None else (plane.length, "their")
     median = 1e3 * float(np.median(sd_m))
     text = f"{of} noise is taken from the file or estimated, {median:.3g} {unit} (median)"

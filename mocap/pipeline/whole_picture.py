@@ -58,7 +58,7 @@ def in_whole_picture(
 
     Args:
         contents: Pixels as in their files.
-        cameras: Of the whole pictures.
+        cameras: Of the whole images.
         tracks: The files of the pixels; several: a camera each.
         given: Files or folders with crop offsets; empty: those beside the tracks, if any.
         pixel_origin: Where pixel rows are counted from, as the user states it.

@@ -175,7 +175,7 @@ def coded_size(size_px: tuple[int, int]) -> tuple[int, int]:
 
 
 def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Iterator[av.Packet]":
-    """Images coded as AV1 in the order in which they are shown, one packet a picture."""
+    """Images coded as AV1 in the order in which they are shown, one packet an image."""
     os.environ.setdefault("SVT_LOG", "1")  # the coder says nothing but errors
     coder: Any = pyav().CodecContext.create("libsvtav1", "w")
     coder.width, coder.height = size_px

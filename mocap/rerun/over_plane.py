@@ -28,7 +28,7 @@ def plane_view(path: str, name: str, x: Array, y: Array, trail_frames: int) -> r
 
 
 def log_picture(rec: rr.RecordingStream, path: str, x: Array, y: Array, value: Array) -> None:
-    """(rows, columns) values over evenly spaced coordinates, as a picture."""
+    """(rows, columns) values over evenly spaced coordinates, as an image."""
     cell_x, cell_y = float(x[1] - x[0]), float(y[1] - y[0])
     place = rr.Transform3D(translation=(x[0] - cell_x / 2, -y[-1] - cell_y / 2, 0), scale=(cell_x, cell_y, 1))
     smooth = rr.components.MagnificationFilter.Linear

@@ -1,4 +1,4 @@
-"""Tab: the report, to read beside the pictures."""
+"""Tab: the report, to read beside the images."""
 
 import rerun as rr
 import rerun.blueprint as rrb

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mocap.datasets.calibration_session import Board, board_session, write_board_session
+from mocap.datasets.rig import tank_cameras
 
 from mocap.cameras.camera import Camera, decompose, project, record, stacked
 from mocap.cli.main import main
@@ -53,6 +55,24 @@ def wand_files(folder: Path, *, flip: bool = False):
     write_pixels(folder / "wand_xypts.csv", PixelTracks(names=("a", "b"), cameras=names, t_s=np.arange(40.0), uv_px=uv))
     write_profile(folder / "profile.txt", lenses)
     return cameras
+
+
+@pytest.mark.slow
+def test_images_of_a_board_as_files(mocap, tmp_path):
+    """Two cameras stand as far apart as they did, to 1 %; with known lenses these stay as they are."""
+    cameras = tank_cameras(4, slope_rad=0.5)[:2]
+    board = Board(columns=10, rows=7, square_m=0.012)
+    write_board_session(board_session(cameras, board, seed=1, n_frames=14, depth=(0.85, 1.1)), tmp_path / "session")
+    images = ("images", tmp_path / "session" / "images", "--checkerboard", "9x6", "--square-mm", 12, "--lens", "brown2")
+    assert mocap(*images, "--out", tmp_path / "rig").returncode == 0
+    found = read_calibration(tmp_path / "rig" / "calibration.toml")
+    places = [-np.linalg.solve(p[:, :, :3], p[:, :, 3:])[..., 0] for p in map(stacked, (found, cameras))]
+    apart = [np.linalg.norm(a - b) for a, b in places]
+    assert apart[0] == pytest.approx(apart[1], rel=0.01)
+    known = tmp_path / "rig" / "calibration.toml"
+    assert mocap(*images, "--lenses", known, "--out", tmp_path / "again").returncode == 0
+    again = read_calibration(tmp_path / "again" / "calibration.toml")
+    assert [c.lens.f_px for c in again] == [pytest.approx(c.lens.f_px) for c in found]
 
 
 @pytest.mark.parametrize("flip", [False, True])

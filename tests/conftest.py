@@ -92,7 +92,7 @@ SLOW = {
     "mocap/test_audit_reports.py": 2,
     "mocap/test_blocks.py": 13,
     "mocap/test_by_hand.py": 4,
-    "mocap/test_calibrate.py": 3,
+    "mocap/test_calibrate.py": 9,
     "mocap/test_calibrate_apart.py": 6,
     "mocap/test_calibrate_boards.py": 12,
     "mocap/test_calibrate_dlt.py": 5,

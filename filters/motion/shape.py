@@ -48,24 +48,37 @@ class LinearShape:
         return out
 
     def noise(self, dt_s: float) -> Array:
-        """(3r, 3r) lower factor of the process noise of [z, zdot, u] in one step (Van Loan 1978).
-
-        His matrix grows as exp(step / memory): it is taken of a step no longer than the memory, which is doubled then.
-        """
+        """(3r, 3r) lower factor of the process noise of [z, zdot, u] in one step."""
         n, r = 3 * len(self.force), len(self.force)
-        flow, white = self._generator[:n, :n], np.zeros((n, n))
+        white = np.zeros((n, n))
         white[2 * r :, 2 * r :] = self.density @ self.density.T / self.memory_s**2
-        doublings = max(0, int(np.ceil(np.log2(dt_s / np.min(self.memory_s)))))
-        both = expm(dt_s / 2**doublings * np.block([[-flow, white], [np.zeros((n, n)), flow.T]]))
-        turn = both[n:, n:].T
-        cov = turn @ both[:n, n:]
-        for _ in range(doublings):
-            cov, turn = turn @ cov @ turn.T + cov, turn @ turn
+        _, cov = driven(self._generator[:n, :n], white, dt_s, float(np.min(self.memory_s)))
         size = np.sqrt(np.diag(cov))
-        alike = 0.5 * (cov + cov.T) / size / size[:, None]  # positions, velocities and forces differ by powers of dt
+        alike = cov / size / size[:, None]  # positions, velocities and forces differ by powers of dt
         return size[:, None] * np.linalg.cholesky(alike + 1e-9 * np.eye(n))
 
     def flow(self, dt_s: float) -> tuple[Array, Array]:
         """(3r, 3r) transition of [z, zdot, u] in a step, exact (matrix exponential), and (3r,) what force adds."""
         flow = expm(dt_s * self._generator)
         return flow[:-1, :-1], flow[:-1, -1]
+
+
+def driven(flow: Array, white: Array, dt_s: float, memory_s: float) -> tuple[Array, Array]:
+    """(n, n) transition of x' = flow x + white noise in a step, and covariance of what the noise adds (Van Loan 1978).
+
+    His matrix grows as exp(step / memory): it is taken of a step no longer than the memory, which is doubled then.
+
+    Args:
+        flow: (n, n).
+        white: (n, n) spectral density of the noise.
+        dt_s: Length of the step.
+        memory_s: The shortest time in which a component forgets itself.
+    """
+    n = len(flow)
+    doublings = max(0, int(np.ceil(np.log2(dt_s / memory_s))))
+    both = expm(dt_s / 2**doublings * np.block([[-flow, white], [np.zeros((n, n)), flow.T]]))
+    move = both[n:, n:].T
+    noise = move @ both[:n, n:]
+    for _ in range(doublings):
+        noise, move = move @ noise @ move.T + noise, move @ move
+    return move, 0.5 * (noise + noise.T)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from mocap.filters.bones import rigid_bones
@@ -24,59 +24,43 @@ LEAST_MARKERS = 4
 three rays leave up to four poses (Grunert 1841)."""
 
 
-class Hold(Protocol):
-    """A potential of shapes: -log of a density of one frame's pose."""
-
-    def value(self, z: Array) -> Array:
-        """(S, r) to (S,)."""
-        ...
-
-    def gradient(self, z: Array) -> Array:
-        """(S, r) to (S, r)."""
-        ...
-
-    def hessian(self, z: Array) -> Array:
-        """(S, r) to (S, r, r); negative eigenvalues included."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Barrier:
-    """Weight times -log(1 - V_z)."""
+    """Weight times -log(1 - V_z): -log of a density of one frame's pose."""
 
     potential: EmpiricalPotential
     weight: float
 
     def value(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S,)."""
         return self.weight * self.potential.barrier_value(z)
 
     def gradient(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r)."""
         return self.weight * self.potential.barrier_gradient(z)
 
     def hessian(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r, r); negative eigenvalues included."""
         return self.weight * self.potential.barrier_hessian(z)
 
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """Half of the squared Mahalanobis distance: the Gaussian of the same poses."""
+    """Half of the squared Mahalanobis distance: the Gaussian of the same poses, as ``Barrier``."""
 
     mean: Array
     precision: Array
 
     def value(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S,)."""
         return 0.5 * np.einsum("si,ij,sj->s", z - self.mean, self.precision, z - self.mean)
 
     def gradient(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r)."""
         return (z - self.mean) @ self.precision
 
     def hessian(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r, r)."""
         return np.broadcast_to(self.precision, (len(z), *self.precision.shape))
 
 
@@ -113,7 +97,7 @@ class PosePrior:
     constant: Array
     shape_noise: Array
     step: Array
-    hold: Hold
+    hold: Barrier | Quadratic
     body_noise: Array
     body_step: Array
     left_sd: Array

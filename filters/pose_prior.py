@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mocap.filters.bones import rigid_bones
+from mocap.filters.bones import LEAST, log_distances, rigid_bones, sized_like
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
 from mocap.filters.motion.bones import Bones
 from mocap.filters.poses import LEAST_KNOWN, MATERN_3_2_HALF, MarkerTrial, poses_of
-from mocap.filters.size import LEAST, log_distances, sized_like
 from mocap.filters.subspace import principal_components, structure
 from mocap.filters.whittaker import fastest_hz, smooth_series
 from scipy.ndimage import uniform_filter1d
@@ -254,11 +253,11 @@ def size_spread(trials: Sequence[MarkerTrial]) -> float:
     """Deviation of the logarithm of an animal's size in a trial to come, by the bones that trials keep.
 
     A trial's size is the median over bones of how much longer they are in it than in all: markers that are placed
-    elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals (``size.LEAST``),
+    elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals (``bones.LEAST``),
     which counts as one more trial.
     """
     ends = rigid_bones(trials).ends
-    sizes = np.array([log_distances(trial.xyz_m, ends.T)[0] for trial in trials])
+    sizes = np.array([log_distances(trial, ends)[0] for trial in trials])
     kept = np.isfinite(sizes).all(axis=0)
     if not kept.any():
         return LEAST

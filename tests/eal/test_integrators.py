@@ -1,12 +1,13 @@
 """Integrators: order, stability limits, and agreement between independent ways."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from eal import GaussianKernel, LaplaceKernel, Matern52Kernel, fit_potential, systems
 from eal.autodiff import system_from_energies
-from eal.compiled import simulate_compiled
 from eal.integrators import (
     IntegrationError,
     StabilityError,
@@ -176,22 +177,11 @@ def test_batch_is_the_same_as_one_by_one(swing):
             np.testing.assert_allclose(together.q[:, i, j], alone.q, atol=1e-11)
 
 
-def test_stack_of_any_kernels_is_its_members(swing, rng):
-    """Kernels that are not Gaussian of one beta are evaluated one after the other: the same values, to the bit."""
-    kernels = (GaussianKernel(3.0), GaussianKernel(2.0), Matern52Kernel(2.0))
-    members = [fit_potential(swing[::4], kernel=kernel, lam=1e-4) for kernel in kernels]
-    q = START + 0.2 * rng.standard_normal((3, 4, 2))
-    stack = PotentialStack(members)
-    for i, member in enumerate(members):
-        assert (stack.value(q)[i] == member.value(q[i])).all()
-        assert (stack.gradient(q)[i] == member.gradient(q[i])).all()
-    assert stack.curvature_limit == 12.0
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda p: PotentialStack([]), "potentials of one dimension"),  # noqa: ARG005
+        (lambda p: PotentialStack([p, replace(p, kernel=Matern52Kernel(2.0))]), "dimension and Gaussian kernel"),
         (lambda p: PotentialStack([p]).value(np.zeros((2, 2))), "1 rows, one a potential"),
         (lambda p: PotentialStack([p]).value(np.zeros((1, 3))), "2 coordinates on its last axis"),
     ],
@@ -199,21 +189,6 @@ def test_stack_of_any_kernels_is_its_members(swing, rng):
 def test_stacks_check_their_rows(make, message, swing):
     with pytest.raises(ValueError, match=message):
         make(fit_potential(swing[::4], kernel=GaussianKernel(3.0), lam=1e-4))
-
-
-def test_compiled_runs_are_the_numpy_runs(swing):
-    """The JAX loop with derived equations equals RK4 in NumPy with closed ones over 500 steps, and so do the peaks."""
-    potential = fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-6)
-    members, strengths = [potential, potential.with_lambda(1e-3)], np.array([1e3, 1e5, 1e6])
-    compiled, peaks = simulate_compiled(
-        PENDULUM, members, strengths, START, REST, duration_s=0.05, every=50, monitor=lambda q: abs(q[0] - 1.0)
-    )
-    model = PenalisedModel(
-        system=PENDULUM, penalty=PotentialStack(members), strength=np.broadcast_to(strengths, (2, 3))
-    )
-    plain = simulate(model, START, REST, duration_s=0.05)
-    np.testing.assert_allclose(compiled.q, plain.q[::50], atol=1e-10)
-    np.testing.assert_allclose(peaks[-1], np.abs(plain.q[..., 0] - 1).max(axis=0), atol=1e-10)
 
 
 def test_scipy_and_rk4_agree_on_a_penalised_run(swing):
@@ -224,14 +199,6 @@ def test_scipy_and_rk4_agree_on_a_penalised_run(swing):
     plain = simulate(model, START, REST, duration_s=0.05)
     adaptive = integrate_adaptive(model.acceleration, START, REST, t_s=plain.t_s[::100], rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(adaptive.q, plain.q[::100], atol=1e-7)
-
-
-def test_compiled_runs_take_gaussian_kernels_only(swing):
-    potential = fit_potential(swing[::4], kernel=Matern52Kernel(2.0), lam=1e-4)
-    with pytest.raises(ValueError, match="compiled runs take Gaussian kernels, not a Matern52Kernel"):
-        simulate_compiled(
-            PENDULUM, [potential], np.ones(1), START, REST, duration_s=0.05, monitor=lambda q: abs(q[0] - 1.0)
-        )
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,9 @@ from mocap.filters.groups import groups_of
 from mocap.filters.joint_types import joints_of
 from mocap.filters.mixture import Mixture
 from mocap.filters.models import articulated, lagrangian, pose
+from mocap.filters.models.delayed_poses import Neighbours
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
-from mocap.filters.neighbours import Neighbours
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, MarkerTrial, known_shapes
 from mocap.filters.rigid import wobble_deg
 from mocap.filters.score import Residuals

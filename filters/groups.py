@@ -13,9 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression
-from mocap.filters.motion.potential import PosePotential
+from mocap.filters.motion.potential import Bones, PosePotential
 from mocap.filters.moving import Rates
 from mocap.filters.observations import Observations, some_markers
 from mocap.filters.observe import Observed

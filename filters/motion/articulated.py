@@ -112,7 +112,7 @@ class ArticulatedMotion(PoseMotion):
         """As ``markers`` has them, linearised in closed form."""
         g = self.parts[1]
         inside, slopes = self._slopes(mean[None])
-        turn, position = self._root(mean[None], frame)
+        turn, position = self.root(mean[None], frame)
         about = inside[0] @ turn[0].T
         rows = turn[0] @ slopes[0][..., : self.parts[2].stop]
         rows[:, :, g.start : g.start + 3] = np.eye(3)

@@ -10,9 +10,15 @@ import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.motion.base import MotionModel, Step, Steps
-from mocap.filters.motion.bones import Bones, bones_term
-from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
-from mocap.filters.motion.potential import PosePotential
+from mocap.filters.motion.potential import (
+    Bones,
+    Coordinates,
+    PosePotential,
+    bones_term,
+    enforce,
+    informed,
+    potential_term,
+)
 from mocap.filters.motion.shape import LinearShape
 from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
@@ -255,10 +261,10 @@ class PoseMotion(MotionModel):
 
     def markers(self, states: Array, frame: int) -> Array:
         """(S, M, 3) markers of states (S, n): in the body, then to the world."""
-        turn, position = self._root(states, frame)
+        turn, position = self.root(states, frame)
         return self._inside(states) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
-    def _root(self, states: Array, frame: int) -> tuple[Array, Array]:
+    def root(self, states: Array, frame: int) -> tuple[Array, Array]:
         """(S, 3, 3) axes of the body in the world, and (S, 3) its position."""
         g, frames = states[:, self.parts[1]], self.path.frames
         return frames.rotation[frame] @ Rotation.from_rotvec(g[:, 3:]).as_matrix(), frames.position_m[frame] + g[:, :3]

@@ -8,7 +8,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.easywand import is_tdata, lens_of
@@ -49,16 +49,9 @@ def read_project(path: Path, *, fps: float | None = None) -> DvProject:
         raise FormatError(f"{path}: cannot be read: no such file")
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            return _project(path, file, fps)
-    except FormatError:
-        raise
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise FormatError(
-            f"{path.name}: not a readable project of DLTdv8 ({one_line(error)}): expected MATLAB 7.3 with "
-            f"{_DATA}; save it again"
-        ) from None
+    advice = f"expected MATLAB 7.3 with {_DATA}; save it again"
+    with damaged(f"{path.name}: not a readable project of DLTdv8", advice), h5py.File(path, "r") as file:
+        return _project(path, file, fps)
 
 
 def _project(path: Path, file: Any, fps: float | None) -> DvProject:

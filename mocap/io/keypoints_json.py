@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.documents import from_json, one_line, regular_bytes
+from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
@@ -52,7 +52,8 @@ def names_of(count: int) -> tuple[str, ...]:
 def _people(path: Path, frame: Any) -> list[Array]:
     """(K, 3) pixels and likelihoods of each person in a frame."""
     found = []
-    try:
+    advice = "expected people[].pose_keypoints_2d, or instances[].keypoints with keypoint_scores"
+    with damaged(f"{path.name}: no poses as OpenPose or MMPose write them", advice):
         if isinstance(frame, dict) and "people" in frame:
             for person in frame["people"]:
                 flat = [*person["pose_keypoints_2d"]]
@@ -69,11 +70,6 @@ def _people(path: Path, frame: Any) -> list[Array]:
                 uv = flat.reshape(-1, 2)
                 score = np.array(one.get("keypoint_scores", np.ones(len(uv))), dtype=float).reshape(-1, 1)
                 found.append(np.concatenate([uv, score], axis=1))
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise FormatError(
-            f"{path.name}: no poses as OpenPose or MMPose write them ({error}): expected people[].pose_keypoints_2d, "
-            "or instances[].keypoints with keypoint_scores"
-        ) from None
     for person in found:
         gone = (person[:, :2] == 0).all(axis=1) | ~np.isfinite(person).all(axis=1) | (person[:, 2] <= 0)
         person[gone] = np.nan
@@ -225,13 +221,11 @@ def _read_coco(path: Path, _hints: Hints) -> FileContents:
     Raises:
         FormatError: a part is missing or has another shape; the message names the annotation.
     """
-    try:
+    with damaged(f"{path.name}: not COCO's images, categories, annotations", "export it again"):
         whole = json.loads(path.read_text(encoding="utf-8"))
         images = {image["id"]: PurePosixPath(str(image["file_name"]).replace("\\", "/")) for image in whole["images"]}
         kinds = {kind["id"]: kind for kind in whole["categories"] if kind.get("keypoints")}
         marks = [mark for mark in whole["annotations"] if mark.get("keypoints")]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise FormatError(f"{path.name}: not COCO's images, categories, annotations ({one_line(error)})") from None
     if not images or not kinds or not marks:
         raise FormatError(f"{path.name}: contains no images with annotated keypoints: export it again")
     frames = _image_frames(images)

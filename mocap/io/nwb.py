@@ -20,7 +20,7 @@ from eal.arrays import Array
 from eal.needs import needs
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
@@ -43,14 +43,9 @@ def _object_name(name: str) -> str:
 def _read(path: Path, _hints: Hints) -> FileContents:
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            return _poses(path, file)
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise FormatError(
-            f"{path.name}: not readable as poses of ndx-pose ({type(error).__name__}: {one_line(error)}): give a file "
-            "with PoseEstimation of ndx-pose"
-        ) from None
+    advice = "give a file with PoseEstimation of ndx-pose"
+    with damaged(f"{path.name}: not readable as poses of ndx-pose", advice), h5py.File(path, "r") as file:
+        return _poses(path, file)
 
 
 def _kind(item: Any) -> str:

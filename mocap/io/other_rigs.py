@@ -6,7 +6,6 @@ JOSS 7, 4362), but for distortions: QTM's are without unit and are not divided b
 map recorded pixels to ideal ones.
 """
 
-import pickle
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
-from mocap.documents import decoded
+from mocap.documents import damaged, decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
@@ -227,18 +226,14 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
 
 def _opencap(path: Path, _hints: Hints) -> FileContents:
     """OpenCap: a pickle a camera (``cameraIntrinsicsExtrinsics.pickle``), its name that of the folder; millimetres."""
-    try:
+    advice = "expected intrinsicMat, distortion, imageSize, rotation and translation"
+    with damaged(f"{path.name}: not a camera of OpenCap", advice):
         table = plain_pickle(path.read_bytes())
         matrix = np.array(table["intrinsicMat"], dtype=float).reshape(3, 3)
         bend = np.array(table["distortion"], dtype=float)
         size = np.ravel(np.array(table["imageSize"], dtype=float))[::-1]
         rotation = np.array(table["rotation"], dtype=float).reshape(3, 3)
         shift = np.ravel(np.array(table["translation"], dtype=float)) / 1000
-    except (pickle.UnpicklingError, KeyError, TypeError, ValueError, EOFError, AttributeError, IndexError) as error:
-        raise FormatError(
-            f"{path.name}: not a camera of OpenCap ({error}): expected intrinsicMat, distortion, imageSize, rotation "
-            "and translation"
-        ) from None
     camera = _camera(path, path.absolute().parent.name, matrix, rotation, shift, bend, size)
     note = "the world is that of OpenCap's board, which stands upright: y or z of the board may point down"
     return calibration_recording(path, "opencap", (camera,), unit="mm", findings=(note,))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
@@ -158,15 +159,12 @@ def read_mat(path: Path) -> FileContents:
             f"{path.name}: {len(found)} variables contain Trajectories; expected one, as Qualisys Track Manager exports"
         )
     measurement = found[0]
-    try:
+    advice = "label them in Qualisys Track Manager and export again"
+    with damaged(f"{path.name}: no labelled trajectories", advice):
         labelled = measurement["Trajectories"]["Labeled"]
         frames, start = int(measurement["Frames"]), int(measurement.get("StartFrame", 1))
         names = [str(name) for name in np.atleast_1d(labelled["Labels"])]
         data = np.asarray(labelled["Data"], dtype=np.float64)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise FormatError(
-            f"{path.name}: no labelled trajectories ({error}): label them in Qualisys Track Manager and export again"
-        ) from None
     if data.size != len(names) * 4 * frames:
         raise FormatError(
             f"{path.name}: Labeled.Data has shape {data.shape}; expected {len(names)} markers x 4 (x, y, z, residual) "
@@ -198,7 +196,7 @@ def _bodies(path: Path, group: Any, names: Sequence[str], xyz_m: Array) -> Bodie
     """Bodies of the struct RigidBodies, whose arrays are bodies x 3 (9) x frames; none where there is none."""
     if not isinstance(group, dict) or not _count({"Count": group.get("Bodies", 0)}):
         return {}
-    try:
+    with damaged(f"{path.name}: RigidBodies is not as Qualisys Track Manager exports it", "export it again"):
         bodies = [str(name) for name in np.atleast_1d(group["Name"])]
         shape = len(bodies), -1, len(xyz_m)
         places, turns = (
@@ -206,8 +204,6 @@ def _bodies(path: Path, group: Any, names: Sequence[str], xyz_m: Array) -> Bodie
             for key in ("Positions", "Rotations")
         )
         return fixed_markers(names, xyz_m, bodies, _transforms(places, turns))
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"{path.name}: RigidBodies is not as Qualisys Track Manager exports it ({error})") from None
 
 
 def _count(group: Any) -> int:

@@ -233,25 +233,23 @@ def _write_hdf5(path: Path, recording: FileContents) -> None:
 
 
 _WRITTEN = frozenset({"pixels", "pixel_origin", "points", "score", "animals", "frame_numbers"})
-FORMATS = (
-    Format(
-        name="deeplabcut-csv",
-        title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
-        knows=lambda head: head.first.startswith("scorer,") and any(x.startswith("coords,") for x in head.lines[2:4]),
-        read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
-        write=_write_csv,
-        holds=_WRITTEN,
-        suffixes=("dlc.csv",),
-        files=camera_files,
-    ),
-    Format(
-        name="deeplabcut-h5",
-        title="pixel tracks or 3D points of DeepLabCut (HDF5)",
-        knows=lambda head: _KEY in head.hdf5 or any(name.endswith("/pandas_type") for name in head.hdf5),
-        read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
-        write=_write_hdf5,
-        holds=_WRITTEN,
-        suffixes=("dlc.h5",),
-        files=camera_files,
-    ),
+DEEPLABCUT_CSV = Format(
+    name="deeplabcut-csv",
+    title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
+    knows=lambda head: head.first.startswith("scorer,") and any(x.startswith("coords,") for x in head.lines[2:4]),
+    read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
+    write=_write_csv,
+    holds=_WRITTEN,
+    suffixes=("dlc.csv",),
+    files=camera_files,
+)
+DEEPLABCUT_H5 = Format(
+    name="deeplabcut-h5",
+    title="pixel tracks or 3D points of DeepLabCut (HDF5)",
+    knows=lambda head: _KEY in head.hdf5 or any(name.endswith("/pandas_type") for name in head.hdf5),
+    read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
+    write=_write_hdf5,
+    holds=_WRITTEN,
+    suffixes=("dlc.h5",),
+    files=camera_files,
 )

@@ -20,7 +20,7 @@ from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import MOST_FRAMES, image_numbers
 from mocap.schema import Entry, Schema, checked
 
@@ -196,16 +196,6 @@ def _is_poses(head: Head) -> bool:
     )
 
 
-FORMATS = (
-    Format(
-        name="pose-json",
-        title="poses of OpenPose, RTMPose or MediaPipe (JSON, one file per frame)",
-        knows=_is_poses,
-        read=lambda path, _: read_folder(path),
-    ),
-)
-
-
 def _is_coco(head: Head) -> bool:
     text = "".join(head.lines).lstrip()
     if not text.startswith("{") or not re.search(r'"(images|annotations)"\s*:', text):
@@ -213,6 +203,7 @@ def _is_coco(head: Head) -> bool:
     return '"keypoints"' in head.path.read_text(encoding="utf-8", errors="replace")  # the categories may come last
 
 
+@file_format("coco-keypoints", "keypoints of COCO (JSON)", _is_coco)
 def _read_coco(path: Path, _hints: Hints) -> FileContents:
     """Pixels; a camera for each folder of images, an animal for each ``track_id`` (else by its place in the image).
 
@@ -294,4 +285,9 @@ def _recording(
     )
 
 
-COCO_FORMATS = (Format(name="coco-keypoints", title="keypoints of COCO (JSON)", knows=_is_coco, read=_read_coco),)
+POSE_JSON = Format(
+    name="pose-json",
+    title="poses of OpenPose, RTMPose or MediaPipe (JSON, one file per frame)",
+    knows=_is_poses,
+    read=lambda path, _: read_folder(path),
+)

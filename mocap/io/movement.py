@@ -170,16 +170,14 @@ def write_movement(path: Path, recording: FileContents) -> None:
     path.write_bytes(as_netcdf(dataset))
 
 
-FORMATS = (
-    Format(
-        name="movement",
-        title="poses of the package movement (NetCDF)",
-        knows=lambda head: {"position", "space"} <= head.hdf5,
-        read=lambda path, _: of_dataset(read_netcdf(path, again=_AGAIN), path),
-        write=write_movement,
-        holds=frozenset(
-            {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score", "animals"}
-        ),
-        suffixes=(".nc",),
+MOVEMENT = Format(
+    name="movement",
+    title="poses of the package movement (NetCDF)",
+    knows=lambda head: {"position", "space"} <= head.hdf5,
+    read=lambda path, _: of_dataset(read_netcdf(path, again=_AGAIN), path),
+    write=write_movement,
+    holds=frozenset(
+        {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score", "animals"}
     ),
+    suffixes=(".nc",),
 )

@@ -258,16 +258,14 @@ def _table(recording: FileContents, keys: list[str]) -> Any:
     return common.DynamicTable(name=_TABLE, description="A row for each frame of PoseEstimation", columns=columns)
 
 
-FORMATS = (
-    Format(
-        name="nwb",
-        title="poses in an NWB file (ndx-pose)",
-        knows=lambda head: {"session_description", "processing"} <= head.hdf5,
-        read=_read,
-        write=_write,
-        holds=frozenset({"points", "pixels", "cameras", "fps", "unit", "origin", "sd", "score", "pixel_origin"}),
-        both=True,
-        needs=frozenset({"fps"}),
-        suffixes=(".nwb",),
-    ),
+NWB = Format(
+    name="nwb",
+    title="poses in an NWB file (ndx-pose)",
+    knows=lambda head: {"session_description", "processing"} <= head.hdf5,
+    read=_read,
+    write=_write,
+    holds=frozenset({"points", "pixels", "cameras", "fps", "unit", "origin", "sd", "score", "pixel_origin"}),
+    both=True,
+    needs=frozenset({"fps"}),
+    suffixes=(".nwb",),
 )

@@ -20,7 +20,7 @@ from mocap.documents import damaged, decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Head, Hints, file_format
 
 _MOST_BYTES = 20_000_000  # files of rigs are far smaller
 
@@ -75,6 +75,11 @@ def _matrix(fu: float, fv: float, cu: float, cv: float) -> Array:
     return np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
 
 
+@file_format(
+    "qualisys-calibration",
+    "calibration of Qualisys (.qca.txt)",
+    lambda head: "<calibration" in _text(head)[:2000] and "focalLengthU" in _text(head),
+)
 def _qualisys(path: Path, _hints: Hints) -> FileContents:
     """QTM: camera axes x right, y up, z to the rear (turned by pi about x here), millimetres."""
     root, cameras, turned = _root(path), [], []
@@ -118,6 +123,11 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
     return calibration_recording(path, "qualisys-calibration", tuple(cameras), unit="mm", findings=findings)
 
 
+@file_format(
+    "vicon-calibration",
+    "calibration of Vicon (.xcp)",
+    lambda head: "<Cameras" in _text(head)[:2000] and "SENSOR_SIZE" in _text(head),
+)
 def _vicon(path: Path, _hints: Hints) -> FileContents:
     """Vicon: the quaternion x, y, z, w turns world into camera axes (x right, y down, z forward); millimetres."""
     from scipy.spatial.transform import Rotation
@@ -188,6 +198,13 @@ def _matrices(path: Path) -> dict[str, Array]:
     return found
 
 
+@file_format(
+    "easymocap",
+    "calibration of EasyMocap (intri.yml, extri.yml)",
+    lambda head: (
+        head.first.startswith("%YAML") and re.search(r"(?m)^\s*(K|R|Rot)_\w+: *!!opencv", _text(head)) is not None
+    ),
+)
 def _easymocap(path: Path, _hints: Hints) -> FileContents:
     """EasyMocap: ``intri.yml`` holds K and dist, ``extri.yml`` R (or Rot) and T; metres. The other lies beside it."""
     from scipy.spatial.transform import Rotation
@@ -224,6 +241,11 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
     )
 
 
+@file_format(
+    "opencap",
+    "camera of OpenCap (cameraIntrinsicsExtrinsics.pickle)",
+    lambda head: head.start[:1] == b"\x80" and b"intrinsicMat" in head.start,
+)
 def _opencap(path: Path, _hints: Hints) -> FileContents:
     """OpenCap: a pickle a camera (``cameraIntrinsicsExtrinsics.pickle``), its name that of the folder; millimetres."""
     advice = "expected intrinsicMat, distortion, imageSize, rotation and translation"
@@ -239,6 +261,11 @@ def _opencap(path: Path, _hints: Hints) -> FileContents:
     return calibration_recording(path, "opencap", (camera,), unit="mm", findings=(note,))
 
 
+@file_format(
+    "optitrack-calibration",
+    "calibration of OptiTrack (.cal, .mcal)",
+    lambda head: head.name.endswith(".mcal") or (not head.lines and head.name.endswith(".cal")),
+)
 def _optitrack(path: Path, _hints: Hints) -> FileContents:
     raise FormatError(
         f"{path.name}: calibrations of OptiTrack (.cal, .mcal) are not read: calibrate the cameras (mocap calibrate), "
@@ -248,39 +275,3 @@ def _optitrack(path: Path, _hints: Hints) -> FileContents:
 
 def _text(head: Head) -> str:
     return "\n".join(head.lines)
-
-
-FORMATS = (
-    Format(
-        name="qualisys-calibration",
-        title="calibration of Qualisys (.qca.txt)",
-        knows=lambda head: "<calibration" in _text(head)[:2000] and "focalLengthU" in _text(head),
-        read=_qualisys,
-    ),
-    Format(
-        name="vicon-calibration",
-        title="calibration of Vicon (.xcp)",
-        knows=lambda head: "<Cameras" in _text(head)[:2000] and "SENSOR_SIZE" in _text(head),
-        read=_vicon,
-    ),
-    Format(
-        name="easymocap",
-        title="calibration of EasyMocap (intri.yml, extri.yml)",
-        knows=lambda head: (
-            head.first.startswith("%YAML") and re.search(r"(?m)^\s*(K|R|Rot)_\w+: *!!opencv", _text(head)) is not None
-        ),
-        read=_easymocap,
-    ),
-    Format(
-        name="opencap",
-        title="camera of OpenCap (cameraIntrinsicsExtrinsics.pickle)",
-        knows=lambda head: head.start[:1] == b"\x80" and b"intrinsicMat" in head.start,
-        read=_opencap,
-    ),
-    Format(
-        name="optitrack-calibration",
-        title="calibration of OptiTrack (.cal, .mcal)",
-        knows=lambda head: head.name.endswith(".mcal") or (not head.lines and head.name.endswith(".cal")),
-        read=_optitrack,
-    ),
-)

@@ -12,7 +12,7 @@ from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, camera_files, of_animals, pixel_recording, point_recording, points_of
-from mocap.io.format import Format, Hints
+from mocap.io.format import Format, Hints, file_format
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
@@ -101,6 +101,11 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     )
 
 
+@file_format(
+    "sleap-labels",
+    "labels and predictions of SLEAP (.slp)",
+    lambda head: {"metadata", "frames", "instances"} <= head.hdf5,
+)
 def _labels(path: Path, _hints: Hints) -> FileContents:
     """Pixels of SLEAP's own project or prediction file, through sleap-io; a camera for each video.
 
@@ -208,30 +213,22 @@ def _as_hdf5(table: dict[str, Array]) -> bytes:
     return buffer.getvalue()
 
 
-FORMATS = (
-    Format(
-        name="sleap-labels",
-        title="labels and predictions of SLEAP (.slp)",
-        knows=lambda head: {"metadata", "frames", "instances"} <= head.hdf5,
-        read=_labels,
-    ),
-    Format(
-        name="sleap-analysis",
-        title="pixel tracks of SLEAP (analysis HDF5)",
-        knows=lambda head: {"tracks", "node_names"} <= head.hdf5,
-        read=_analysis,
-        write=_write_analysis,
-        holds=frozenset({"pixels", "pixel_origin", "score", "animals"}),
-        suffixes=("analysis.h5",),
-        files=camera_files,
-    ),
-    Format(
-        name="sleap-anipose-3d",
-        title="points of sleap-anipose (HDF5)",
-        knows=lambda head: "tracks" in head.hdf5 and "node_names" not in head.hdf5,
-        read=_points,
-        write=_write_points,
-        holds=frozenset({"points"}),
-        suffixes=("points3d.h5",),
-    ),
+SLEAP_ANALYSIS = Format(
+    name="sleap-analysis",
+    title="pixel tracks of SLEAP (analysis HDF5)",
+    knows=lambda head: {"tracks", "node_names"} <= head.hdf5,
+    read=_analysis,
+    write=_write_analysis,
+    holds=frozenset({"pixels", "pixel_origin", "score", "animals"}),
+    suffixes=("analysis.h5",),
+    files=camera_files,
+)
+SLEAP_ANIPOSE_3D = Format(
+    name="sleap-anipose-3d",
+    title="points of sleap-anipose (HDF5)",
+    knows=lambda head: "tracks" in head.hdf5 and "node_names" not in head.hdf5,
+    read=_points,
+    write=_write_points,
+    holds=frozenset({"points"}),
+    suffixes=("points3d.h5",),
 )

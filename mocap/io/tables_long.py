@@ -181,25 +181,23 @@ def _write_parquet(path: Path, recording: FileContents) -> None:
 
 
 _HELD = frozenset({"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score"})
-FORMATS = (
-    Format(
-        name="csv-long",
-        title="mocap's CSV, one row for each sample (frame, marker, ...)",
-        knows=lambda head: head.cells()[:1] == ("frame",) and "marker" in head.cells(),
-        read=_read_csv,
-        write=_write_csv,
-        holds=_HELD,
-        suffixes=("long.csv",),
-    ),
-    Format(
-        name="parquet",
-        title="mocap's Parquet, one row for each sample",
-        knows=lambda head: head.start.startswith(b"PAR1"),
-        read=_read_parquet,
-        write=_write_parquet,
-        holds=_HELD,
-        suffixes=(".parquet",),
-    ),
+CSV_LONG = Format(
+    name="csv-long",
+    title="mocap's CSV, one row for each sample (frame, marker, ...)",
+    knows=lambda head: head.cells()[:1] == ("frame",) and "marker" in head.cells(),
+    read=_read_csv,
+    write=_write_csv,
+    holds=_HELD,
+    suffixes=("long.csv",),
+)
+PARQUET = Format(
+    name="parquet",
+    title="mocap's Parquet, one row for each sample",
+    knows=lambda head: head.start.startswith(b"PAR1"),
+    read=_read_parquet,
+    write=_write_parquet,
+    holds=_HELD,
+    suffixes=(".parquet",),
 )
 
 

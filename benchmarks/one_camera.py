@@ -84,7 +84,7 @@ class Flight:
 @cache
 def flight(path: Path) -> Flight:
     """One project."""
-    project = read_project(path, fps=FPS)
+    project = read_project(path).with_rate(FPS)
     pixels = replace(project.pixels, names=POINTS, uv_px=project.pixels.uv_px[:, :, : len(POINTS)])
     lens = project.cameras[0].lens is None
     film = with_ideal_pixels(of_pixels(pixels, project.cameras, name=path.parent.name, fit_lens=lens))

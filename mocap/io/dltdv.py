@@ -1,4 +1,4 @@
-"""DLTdv's files (Hedrick 2008; versions 5 to 8): the flat CSV set, and projects of version 8."""
+"""DLTdv's files (Hedrick 2008; versions 5 to 8): the flat CSV set."""
 
 import json
 import re
@@ -14,7 +14,6 @@ from mocap.cameras.origin import BOTH, PixelCorner
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, calibration_recording, pixel_recording, table_recording
 from mocap.io.csv_table import by_title, decimals_in, decimals_of, first_cells, read_table, write_table
-from mocap.io.dvproject import read_project
 from mocap.io.format import Format, Head, Hints, file_format
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 
@@ -199,12 +198,13 @@ def offsets(path: Path, format: str, pattern: str) -> FileContents:
         raise FormatError(
             f"{path.name}: columns {', '.join(header[:4])}; expected one for each camera: export it again"
         )
-    note = _ahead(values[np.isfinite(values)]) or "the offsets of all cameras are 0"
+    note = ahead(values[np.isfinite(values)]) or "the offsets of all cameras are 0"
     cameras = tuple(f"cam{number}" for number in numbers)
     return table_recording(path, format, camera_names=cameras, tables={"offset_frames": values}, findings=(note,))
 
 
-def _ahead(offset_frames: np.ndarray) -> str:
+def ahead(offset_frames: np.ndarray) -> str:
+    """By how many frames cameras are offset, in words; empty: by none."""
     if not offset_frames.any():
         return ""
     return f"cameras are offset by {offset_frames.min():g} to {offset_frames.max():g} frames"
@@ -222,34 +222,6 @@ def _is_coefficients(head: Head) -> bool:
     rows = [line for line in head.lines if line.strip()]
     titled = names_cameras(head.cells())
     return len(rows) - titled in (8, 11) and (titled or is_number_row(head.cells())) and len(head.cells()) <= 100
-
-
-@file_format("dltdv-project", "project of DLTdv8 (MATLAB 7.3)", lambda head: "udExport" in head.hdf5)
-def _project(path: Path, _hints: Hints) -> FileContents:
-    project = read_project(path, fps=1.0)
-    try:
-        rate = read_project(path).fps
-        findings = [f"the project states {rate:g} frames a second, which may be the playback rate"]
-    except FormatError:
-        rate, findings = None, []
-    if not project.cameras:
-        findings.append("the project has no DLT coefficients")
-    findings += filter(None, [_ahead(project.offset_frames)])
-    recording = FileContents(
-        format="dltdv-project",
-        paths=(path,),
-        names=project.pixels.names,
-        frames=1 + np.arange(len(project.pixels.t_s)),
-        fps=None,
-        pixels=project.pixels,
-        points=project.stored,
-        camera_names=project.pixels.cameras,
-        cameras=project.cameras,
-        pixel_origin="upper-left",
-        tables={"offset_frames": project.offset_frames},
-        findings=tuple(findings),
-    )
-    return recording if rate is None else recording.with_rate(rate)
 
 
 def ends(*words: str) -> Callable[[Head], bool]:

@@ -21,6 +21,7 @@ from mocap.io import (
     dltdv,
     dltdv_set,
     dltdv_sparse,
+    dvproject,
     easywand,
     keypoints_json,
     matlab_points,
@@ -174,7 +175,7 @@ def _each(*places: ModuleType | Format) -> Iterator[Format]:
 
 
 FORMATS = (
-    *_each(dltdv, dltdv_sparse, easywand, profile, deeplabcut, sleap, movement, nwb, anipose, other_rigs),
+    *_each(dvproject, dltdv, dltdv_sparse, easywand, profile, deeplabcut, sleap, movement, nwb, anipose, other_rigs),
     *_each(keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
     *_each(plain.typed_pixels, xmalab, argus, dltdv_set),
     *offered("mocap.formats", Format).values(),

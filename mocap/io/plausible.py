@@ -141,8 +141,7 @@ def _placeholder_notes(values: Array, lost: NDArray[np.bool_], recording: FileCo
 
 _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
-_FARTHEST = 1e11
-"""The same where the unit may be as small as a millimetre."""
+_FARTHEST = _FARTHEST_M / 1e-3  # where the unit may be as small as a millimetre
 _RATES_HZ = (1e-4, 1e7)  # a picture in three hours, and the fastest cameras
 
 

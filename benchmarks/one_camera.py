@@ -85,7 +85,7 @@ class Flight:
 @cache
 def flight(path: Path) -> Flight:
     """One project."""
-    project = read_project(path, fps=FPS)
+    project = read_project(path).with_rate(FPS)
     pixels = replace(project.pixels, names=POINTS, uv_px=project.pixels.uv_px[:, :, : len(POINTS)])
     options = PixelOptions(fit_lens=project.cameras[0].lens is None)
     film = of_pixels(pixels, project.cameras, name=path.parent.name, options=options)

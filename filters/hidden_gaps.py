@@ -12,9 +12,8 @@ from mocap.filters.interpolate import interpolated
 from mocap.filters.mixture import Mixture, learn_mixture
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn, shares
-from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.models.singer import LastingSettings
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.score import Residuals, Score, joined, residuals_of, score

@@ -85,7 +85,7 @@ WING, WING_TRUNK = ("t3L", "wstL", "t5L", "elbL"), ("shdL", "ankL", "str")
 def _flight(flight: str) -> Take:
     """A flight in the wind tunnel."""
     (path,) = sorted((DATA / "bat_windtunnel_dltdv8").joinpath(*flight.split("_")).glob("*dvProject.mat"))
-    project = read_project(path, fps=700)
+    project = read_project(path).with_rate(700)
     seen = np.flatnonzero(project.pixels.seen.any(axis=(0, 2)))
     part = slice(int(seen[0]), int(seen[-1]) + 1)
     pixels = replace(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
 from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.filters.poses import INDEPENDENT
 
 Mask = NDArray[np.bool_]
 Bones = NDArray[np.int64]
@@ -34,8 +35,6 @@ Chosen, not measured."""
 MARGIN = 8.0
 """Log likelihood by which a run must win, after what its two changes cost, to be undone: odds of 3000.
 Chosen, not measured."""
-SAME_ERROR_FRAMES = 10.0
-"""Errors of a bone's length persist: so many frames count as one. Chosen, as ``mocap.filters.poses.INDEPENDENT``."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -529,7 +528,7 @@ def pair_evidence(xyz_m: Array, lengths: Sequence[BoneLength], pair: Pair, suspe
             if end in pair and fixed not in pair and fixed not in suspects:
                 other = pair[1] if end == pair[0] else pair[0]
                 total += _in_place(xyz_m, bone, fixed, other) - _in_place(xyz_m, bone, fixed, end)
-    return total / SAME_ERROR_FRAMES
+    return INDEPENDENT * total
 
 
 def stretched_pairs(xyz_m: Array, lengths: Sequence[BoneLength]) -> set[Pair]:
@@ -546,7 +545,7 @@ def stretched_pairs(xyz_m: Array, lengths: Sequence[BoneLength]) -> set[Pair]:
     out = set()
     for a in range(n_markers):
         total = (place[a] + place[:, :, a].T) * (seen[:, [a]] & seen)
-        total = np.cumsum(np.concatenate([np.zeros((1, n_markers)), total]) / SAME_ERROR_FRAMES, axis=0)
+        total = INDEPENDENT * np.cumsum(np.concatenate([np.zeros((1, n_markers)), total]), axis=0)
         rise = np.max(total - np.minimum.accumulate(total, axis=0), axis=0)
         out |= {(a, int(b)) for b in np.flatnonzero(rise > CHANGE + MARGIN) if b > a}
     return out

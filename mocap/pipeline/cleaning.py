@@ -21,15 +21,13 @@ from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, exchange
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
+from mocap.io.deeplabcut import LEAST_LIKELIHOOD
 from mocap.pipeline import sentences
 from mocap.pipeline.by_hand import with_hand
 from mocap.pipeline.ideal_pixels import with_rays, without_hand
 from mocap.pipeline.recording import Recording, as_recording
 from mocap.records import Plane, Status
 from mocap.skeleton import Measures, Skeleton
-
-LEAST_LIKELIHOOD = 0.6
-"""Clicks below are rejected: without a second camera nothing tells what a likelihood is worth (DeepLabCut's cutoff)."""
 
 
 def clean(recording: Recording, *, first: int = 0) -> Recording:
@@ -95,6 +93,7 @@ def _in_plane(recording: Recording) -> Recording:
     assert pixels is not None
     plane, uv, unlikely = Plane(mm_per_px=recording.mm_per_px), pixels.uv_px[0], np.zeros_like(pixels.seen[0])
     if likelihood is not None and likelihood.shape == pixels.seen.shape:
+        # without a second camera nothing tells what a likelihood is worth
         unlikely = pixels.seen[0] & (likelihood[0] < LEAST_LIKELIHOOD)
         uv = np.where(unlikely[..., None], np.nan, uv)
     flat = np.where(np.isfinite(uv[..., :1]), 0.0, np.nan)

@@ -9,10 +9,9 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.hidden_gaps import Effort, hidden_gaps, mixed
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import TrialSet, estimate
-from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import MODELS
-from mocap.filters.models.singer import LastingSettings
 from mocap.filters.observations import PositionObservations
 
 from mocap.pipeline.model_file import read, written

@@ -64,25 +64,24 @@ class Found(dict):
             self[name] = SimpleNamespace(value=value, sd=np.full(len(t_s), 1e-3), rests=rests)
 
 
-def beats(keys, each=100):
-    """Beats of a stroke that goes from one of these angles to the next in so many frames, and rests at the last."""
-    frames = np.arange((len(keys) - 1) * each + 1)
-    stroke = np.interp(frames, each * np.arange(len(keys)), keys)
-    rate = np.append(np.diff(stroke), 0.0)
-    found = Found(frames / 100, w_stroke_deg=stroke, w_stroke_rate_deg_s=rate, w_stroke_acceleration_deg_s2=rate + 1)
-    return cycles.wing_beats(found, "w")
+def beats(stroke, rate):
+    """Beats of a stroke, at 100 frames a second."""
+    rate = np.array(rate, dtype=float)
+    values = {"w_stroke_deg": np.array(stroke, dtype=float), "w_stroke_rate_deg_s": rate}
+    return cycles.wing_beats(Found(np.arange(len(rate)) / 100, **values, w_stroke_acceleration_deg_s2=rate), "w")
 
 
 @pytest.mark.parametrize(("share", "n"), [(0.2, 2), (0.29, 3)])
 def test_a_stroke_turns_where_it_goes_on_by_a_quarter_of_its_range(share, n):
     """From the 5th to the 95th percentile, of ramps from 0 to 10 nine tenths."""
     back = 10 - share * 9
-    assert len(beats([0, 10, 0, 10, back, 10, 0, 10, 0])) == n
+    stroke = np.interp(np.arange(801), 100 * np.arange(9), [0, 10, 0, 10, back, 10, 0, 10, 0])
+    assert len(beats(stroke, np.append(np.diff(stroke), 0.0))) == n
 
 
-@pytest.mark.parametrize(("more", "n"), [([], 0), ([4], 1)])
-def test_a_stroke_of_seven_frames_has_no_beats(more, n):
-    assert len(beats([5, 10, 5, 0, 5, 10, 5, *more], 1)) == n
+@pytest.mark.parametrize(("frames", "n"), [(7, 0), (8, 1)])
+def test_a_stroke_of_seven_frames_has_no_beats(frames, n):
+    assert len(beats([10, 10, 0, 0, 10, 10, 0, 0][:frames], [1, -1, -1, 1, 1, -1, -1, -1][:frames])) == n
 
 
 def footing(*, still=20, pace=1.0, slow=0.0, noise=0.0, heights=(0.0,), swing=3.0):

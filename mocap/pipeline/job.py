@@ -18,7 +18,8 @@ from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
+from mocap.pipeline.ideal_pixels import of_one_camera
+from mocap.pipeline.one_camera import NAME, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import Counts, make_report, readable

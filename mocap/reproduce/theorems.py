@@ -167,7 +167,7 @@ def theorem_2(*, quick: bool) -> Figure:
             + ", ".join(f"{b / m:.0f}" for b, m in zip(bound, mean, strict=True))
             + f"; the least C is {least:.2g}: {2.0 / least:.2g} times loose",
             lambda constant: least <= constant,
-            bounds.THEOREM2,
+            bounds.theorem2_constant(),
             control="C = 0.25",
             faulty=0.25,
         ),

@@ -6,7 +6,7 @@ The anchor is the uniform distribution on the unit circle, where eigenvalues, V_
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.special import erf, erfc, iv
+from scipy.special import iv
 
 from eal import GaussianKernel, LaplaceKernel, Projection, Tail, bounds, fit_potential
 from eal.integrators import simulate
@@ -20,12 +20,6 @@ GAP = LAMBDAS[2] - LAMBDAS[3]
 ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
 RADII = np.linspace(0.0, 2.0, 21)
 GRID = RADII[:, None, None] * np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=-1)
-
-
-def with_branches(eta, *, n, gap):
-    """Equation 8 from equations 18, 19 and 23: delta = x^2 / 32 up to x = sqrt(N) gap eta = 8, x / 4 above."""
-    x = np.sqrt(n) * gap * np.asarray(eta)
-    return np.minimum(1.0, 2.0 * np.exp(-np.where(x <= 8.0, x**2 / 32.0, x / 4.0)))
 
 
 def draw(rng, n):
@@ -102,7 +96,7 @@ def test_5_and_6_cases_and_crossing():
     n, gap = 400.0, 0.1
     crossing = 8 / (np.sqrt(n) * gap)
     for side in (1 - 1e-9, 1 + 1e-9):
-        assert with_branches(crossing * side, n=n, gap=gap) == pytest.approx(2 * np.exp(-2), rel=1e-6)
+        assert bounds.theorem1(crossing * side, n=n, gap=gap) == pytest.approx(2 * np.exp(-2), rel=1e-6)
     assert 8 * np.sqrt(n) * gap > 1
     delta = np.array([0.5, 1.9, 2.1, 8.0])
     larger = np.maximum(delta, np.sqrt(2 * delta))
@@ -129,28 +123,21 @@ def test_7_corrected_theorem_1_holds_on_the_circle(monte_carlo):
     for n, rows in found.items():
         for eta in np.linspace(0.01, 1.0, 50):
             beyond = (rows[:, 2] > eta).mean()
-            assert beyond <= with_branches(eta, n=n, gap=GAP) + 1e-12
+            assert beyond <= bounds.theorem1(eta, n=n, gap=GAP) + 1e-12
             assert beyond <= bounds.theorem1_gaussian(eta, n=n, gap=GAP) + 1e-12
             tail = (rows[:, 1] > eta).mean()
-            assert tail <= 2.0 * np.exp(-n * (lam * eta) ** 2 / 8.0) + 1e-12
+            assert tail <= bounds.gap_free(eta, n=n, lam=lam) + 1e-12
             assert tail <= bounds.sharper(eta, n=n, lam=lam, norm2=(LAMBDAS**2).sum()) + 1e-12
 
 
 def test_9_constants_of_theorem_2_are_the_integrals():
     """C by quadrature of the clipped bounds over eta in [0, inf), with N gap^2 = 1."""
-    knee, whole = np.sqrt(32.0 * np.log(2.0)), np.sqrt(32.0 * np.pi)
-    constants = {
-        "gaussian": knee + whole * erfc(np.sqrt(np.log(2.0))),
-        "two-branch": knee + whole * (erf(np.sqrt(2.0)) - erf(np.sqrt(np.log(2.0)))) + 8.0 * np.exp(-2.0),
-        "unclipped": whole,
-        "direct": bounds.THEOREM2,
-    }
-    for kind, bound in (("gaussian", bounds.theorem1_gaussian), ("two-branch", with_branches)):
+    for kind, bound in (("gaussian", bounds.theorem1_gaussian), ("two-branch", bounds.theorem1)):
         by_quadrature = quad(lambda x, b=bound: float(b(x, n=1.0, gap=1.0)), 0, 200, points=[4.71, 8.0], limit=200)[0]
-        assert constants[kind] == pytest.approx(by_quadrature, rel=1e-6)
+        assert bounds.theorem2_constant(kind) == pytest.approx(by_quadrature, rel=1e-6)
     expected = {"gaussian": 7.106, "two-branch": 7.733, "unclipped": 10.03, "direct": 2.0}
     for kind, value in expected.items():
-        assert constants[kind] == pytest.approx(value, rel=5e-4)
+        assert bounds.theorem2_constant(kind) == pytest.approx(value, rel=5e-4)
 
 
 def test_9_expectation_is_within_c_2_and_falls_as_one_over_root_n(monte_carlo):
@@ -162,7 +149,7 @@ def test_9_expectation_is_within_c_2_and_falls_as_one_over_root_n(monte_carlo):
     for n, (operator, tail, projection) in zip(counts, means, strict=True):
         spare = bounds.theorem2(n=n, gap=GAP) / projection
         assert 5 < spare < 60
-        assert tail < np.sqrt(1.0 / n) / (0.5 * (LAMBDAS[2] + LAMBDAS[3]))
+        assert tail < bounds.theorem2_gap_free(n=n, lam=0.5 * (LAMBDAS[2] + LAMBDAS[3]))
         assert operator < np.sqrt((1 - (LAMBDAS**2).sum()) / n) * 1.1
 
 
@@ -281,3 +268,8 @@ def test_reference_plateaus_of_figure_14a():
     potentials = over_lambda(experiment.samples(400), experiment.kernel, np.array([1e-2, 1e-3, 1e-4, 1e-5]))
     found = errors(experiment, potentials, np.array([1e6]))[0][0, :, 0]
     assert (np.abs(np.log(found / expected)) < np.log(1.5)).all()
+
+
+def test_bad_settings_of_bounds_are_named():
+    with pytest.raises(ValueError, match="kind must be one of"):
+        bounds.theorem2_constant("magic")  # type: ignore[arg-type]

@@ -43,7 +43,7 @@ SLOW = {
     "eal/test_errata.py": 9,
     "eal/test_integrators.py": 4,
     "eal/test_radius.py": 6,
-    "eal/test_reproduce.py": 39,
+    "eal/test_reproduce.py": 52,
     "filters/test_animal.py": 8,
     "filters/test_articulated_motion.py": 6,
     "filters/test_bones.py": 4,

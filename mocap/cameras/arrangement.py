@@ -115,11 +115,12 @@ def find_arrangement(cameras: Sequence[Camera], uv_px: Array, *, height_px: floa
     if not found:
         return None
     worst = max(found, key=lambda one: one.residual_px)
+    swapped = {view: camera for one in found for view, camera in one.belongs.items()}
     return replace(
         worst,
         cameras=tuple(name for one in found for name in one.cameras),
         change=", and ".join(one.change for one in found),
-        belongs={view: camera for one in found for view, camera in one.belongs.items()},
+        belongs={c.name: swapped.get(c.name, c.name) for c in cameras} if swapped else {},
         undone_px=max(one.undone_px for one in found),
     )
 

@@ -537,16 +537,14 @@ def write_c3d(path: Path, recording: FileContents) -> None:
     path.write_bytes(head.ljust(BLOCK, b"\0") + section + data + bytes(-len(data) % BLOCK))
 
 
-FORMATS = (
-    Format(
-        name="c3d",
-        title="C3D",
-        knows=lambda head: len(head.start) > 512 and head.start[1] == 0x50 and 2 <= head.start[0] <= 0x7F,
-        read=lambda path, _: read_c3d(path),
-        write=write_c3d,
-        holds=frozenset({"points", "first_frame", "fps", "unit", "origin", "residual_m", "sd"}),
-        needs=frozenset({"fps", "unit"}),
-        zero_is_missing=True,
-        suffixes=(".c3d",),
-    ),
+C3D = Format(
+    name="c3d",
+    title="C3D",
+    knows=lambda head: len(head.start) > 512 and head.start[1] == 0x50 and 2 <= head.start[0] <= 0x7F,
+    read=lambda path, _: read_c3d(path),
+    write=write_c3d,
+    holds=frozenset({"points", "first_frame", "fps", "unit", "origin", "residual_m", "sd"}),
+    needs=frozenset({"fps", "unit"}),
+    zero_is_missing=True,
+    suffixes=(".c3d",),
 )

@@ -21,7 +21,7 @@ from eal.needs import needs
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.cameras.triangulate import PAIRS
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
@@ -43,14 +43,9 @@ def _object_name(name: str) -> str:
 def _read(path: Path, _hints: Hints) -> FileContents:
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            return _poses(path, file)
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise FormatError(
-            f"{path.name}: not readable as poses of ndx-pose ({type(error).__name__}: {one_line(error)}): give a file "
-            "with PoseEstimation of ndx-pose"
-        ) from None
+    advice = "give a file with PoseEstimation of ndx-pose"
+    with damaged(f"{path.name}: not readable as poses of ndx-pose", advice), h5py.File(path, "r") as file:
+        return _poses(path, file)
 
 
 def _kind(item: Any) -> str:
@@ -263,16 +258,14 @@ def _table(recording: FileContents, keys: list[str]) -> Any:
     return common.DynamicTable(name=_TABLE, description="A row for each frame of PoseEstimation", columns=columns)
 
 
-FORMATS = (
-    Format(
-        name="nwb",
-        title="poses in an NWB file (ndx-pose)",
-        knows=lambda head: {"session_description", "processing"} <= head.hdf5,
-        read=_read,
-        write=_write,
-        holds=frozenset({"points", "pixels", "cameras", "fps", "unit", "origin", "sd", "score", "pixel_origin"}),
-        both=True,
-        needs=frozenset({"fps"}),
-        suffixes=(".nwb",),
-    ),
+NWB = Format(
+    name="nwb",
+    title="poses in an NWB file (ndx-pose)",
+    knows=lambda head: {"session_description", "processing"} <= head.hdf5,
+    read=_read,
+    write=_write,
+    holds=frozenset({"points", "pixels", "cameras", "fps", "unit", "origin", "sd", "score", "pixel_origin"}),
+    both=True,
+    needs=frozenset({"fps"}),
+    suffixes=(".nwb",),
 )

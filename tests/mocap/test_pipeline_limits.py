@@ -9,8 +9,9 @@ from mocap.cameras.camera import project, stacked
 from mocap.cli.track import block_size
 from mocap.pipeline import blocks, learning, potentials, sentences
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.propose_measures import _swing, cycle_frames, stands
-from mocap.pipeline.recording import of_pixels, of_points
+from mocap.pipeline.recording import of_points
 from mocap.pipeline.retrack import tracked_again
 from mocap.pipeline.summary import Expected
 from mocap.pipeline.tracking import moved

@@ -23,7 +23,7 @@ _DEG = np.pi / 180
 # a U-turn of a bat of 55 g: speed from 2.0 to 0.5 m/s, bank 20 to 40 degrees, 0.2 m gained (Windes et al. 2020)
 _SPEED_M_S, _SPEED_SWING = 1.5, 0.54
 _HALF_LAP_S, _TURN_SWING = 0.65, 0.45
-_HEADING_LEAD_S = 0.03
+_HEADING_LEAD_S = 0.03  # by which the body's course is ahead of its way; chosen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -131,7 +131,7 @@ def _wanders(rng: np.random.Generator) -> tuple[Wander, Wander, Wander]:
 
 
 Manoeuvre = Literal["level", "turn"]
-BEAT_HZ = 9.0
+BEAT_HZ = 9.0  # chosen; not measured
 # markers fixed to the trunk, and the hips, in the axes of the body
 _ON_TRUNK_M = {
     "sternum": (0.010, 0.0, -0.0170),

@@ -23,7 +23,7 @@ from mocap.records import PixelTracks
 
 _TEXELS = 80  # a square
 _GRID_PX = 8
-_SUPERSAMPLED = 3
+_SUPERSAMPLED = 3  # samples along an edge of a pixel, which is their mean
 _WHITE, _BLACK, _BEHIND = 0.85, 0.06, 0.35  # share of light that comes back
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 Grey = NDArray[np.float32]
-_MARGIN_PX = 128
+_MARGIN_PX = 128  # by which a pattern is wider than the image that is cut out of it; chosen
 _BAR_GREY, _BAR_PX = 18.0, 8
 _SKIN_PX, _SKIN_GREY = 64, 25.0
 

@@ -25,7 +25,7 @@ from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.schema import Entry, Schema, checked, names
 from mocap.skeleton import write_skeleton
 
-_ITERATIONS = 3
+_ITERATIONS = 3  # of undistortion, as DLTdv8 has it
 
 
 def write_project(path: Path, recording: SyntheticRecording) -> None:

@@ -148,10 +148,10 @@ def lizard_skeleton() -> Skeleton:
 
 
 SLOPE_RAD = np.deg2rad(35)
-SPEED_M_S = 0.14
+SPEED_M_S = 0.14  # chosen; not measured
 GAIT = Gait()
 _DEG = np.pi / 180
-_ROD_RADIUS_M = 0.005
+_ROD_RADIUS_M = 0.005  # chosen
 # bones in metres: an adult Anolis sagrei of 60 mm from snout to vent
 _AXIS_M = {
     "snout": 0.012,

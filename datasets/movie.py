@@ -24,7 +24,7 @@ from mocap.records import PixelTracks
 
 _BACKGROUND, _ROD, _BODY, _BONE, _MARKER = 30, 60, 100, 135, 235
 _EDGE_ON, _FACE_ON = 45, 90
-_FRACTION_BITS = 4
+_FRACTION_BITS = 4  # OpenCV draws to a sixteenth of a pixel
 
 
 def write_movies(

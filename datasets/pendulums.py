@@ -22,7 +22,7 @@ from mocap.measures import Measures, Segment
 from mocap.skeleton import Bone, Joint, Skeleton
 
 Pendulum = Literal["planar", "spherical"]
-_TOLERANCE = 1e-12
+_TOLERANCE = 1e-12  # relative; far below what is clicked
 _COORDINATES: dict[str, tuple[str, ...]] = {"planar": ("r_m", "theta_rad"), "spherical": ("x1_m", "x2_m", "x3_m")}
 
 

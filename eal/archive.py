@@ -22,7 +22,7 @@ from eal.plugins import offered
 from eal.rotations import RotationKernel
 from eal.spectral import FILTERS, Scaling
 
-VERSION = 1
+VERSION = 1  # of our files
 ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
 ROUNDING = 1e-9
 """Of eigenvalues, which are between 0 and 1: far above that of float64 for thousands of samples."""

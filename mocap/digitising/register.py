@@ -62,7 +62,7 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
             guesses.append((float(np.minimum(near**2, 3 * GATE).sum()), three, triple))
     guesses.sort(key=lambda guess: guess[0])
     found: dict[tuple[int, ...], float] = {}
-    for _, three, triple in guesses[:40]:
+    for _, three, triple in guesses[:40]:  # of speed; chosen
         point = np.full(len(poses.mean), -1)
         point[list(triple)] = three
         point, cost = settled(points, poses, point)

@@ -17,7 +17,7 @@ from mocap.io.format import Format
 from mocap.io.optical import RATES_HZ, metres, told_apart, unit_of
 from mocap.records import Status
 
-BLOCK = 512
+BLOCK = 512  # bytes, of the format
 INTEL, DEC, SGI = 84, 85, 86
 """Processors by the byte that names them: which of its bytes a number begins with."""
 _KINDS = {-1: 1, 1: 1, 2: 2, 4: 4}
@@ -253,7 +253,7 @@ def record(group: int, name: str, value: Any = None) -> bytes:
 _NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Groups of points (parameter POINT) that are modelled quantities, not places."""
 _SAME = 1e-5
-"""Relative difference of two 32-bit reals that were written as one."""
+"""Relative difference of two 32-bit reals that were written as one. Chosen; not measured."""
 _MOST_FRAMES = 0xFFFF
 """The head counts with 16 bits: longer recordings state that number or their own without its upper bits."""
 _RESIDUAL_M = 1e-5

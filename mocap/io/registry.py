@@ -92,7 +92,7 @@ _SUFFIXES = {
     "parquet": "parquet binary",
 }
 KIND = 3.0
-"""What a word for the kind of file counts, beside 1 or 2 for another word."""
+"""What a word for the kind of file counts, beside 1 or 2 for another word. Chosen; not measured."""
 _MAGIC = (
     (b"\xff\xd8\xff", "a JPEG image"),
     (b"\x89PNG", "a PNG image"),
@@ -184,7 +184,7 @@ FORMATS = (
 """In the order in which they are asked: where two know a file, the first is right."""
 BESIDE = ("easymocap", "opencap")
 """Formats whose readers look at the file's place: what lies beside it, or its folder's name."""
-NANOMETRE = 1e-9
+NANOMETRE = 1e-9  # the last digit that is written
 Result = TypeVar("Result")
 
 

@@ -30,7 +30,7 @@ _KEY = re.compile(r"[A-Z]+(_[A-Z]+)+")
 _UNIT_NOTE = re.compile(r"(?:length )?units?[\s:=,;]+[\"'\[(]*([a-z]+)", re.IGNORECASE)
 _SEPARATORS = (";", "\t", "|", ",", " ")
 """Semicolons first: cells between them may hold decimal commas. A blank stands for any number of them."""
-_DAY_S = 86_400
+_DAY_S = 86_400  # seconds
 _SHOWN = 3
 """Lines that a sentence quotes."""
 

@@ -18,7 +18,7 @@ from mocap.joint_design.design import JointDesign
 from mocap.joint_design.flexure import MM, Flexure
 from mocap.joint_design.solid import FOOT_MM, PLATE_MM, Kit, meander_line
 
-_FRAMES = 6
+_FRAMES = 6  # of the strip
 
 
 def figure_7_and_9(design: JointDesign) -> Canvas:

@@ -77,7 +77,7 @@ PRINTED: tuple[Law, ...] = ("linear", "cable", "strut")
 """Laws that meanders follow."""
 
 MM = 1e-3
-ROOT_M = 1.0 * MM
+ROOT_M = 1.0 * MM  # between an eye and its spring; chosen
 SPARE_M = 0.3 * MM
 """What a slot is longer than its pin's way in the region."""
 

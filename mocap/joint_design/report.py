@@ -17,7 +17,7 @@ from mocap.joint_design.flexure import MM
 from mocap.joint_design.solid import PLATE_MM, assembled, keeps_wall, overlaps
 from mocap.text import plain
 
-DPI = 110
+DPI = 110  # of images on a screen
 
 
 def write_design(design: JointDesign, folder: Path, *, write_recording: Callable[[JointDesign, Path], None]) -> None:

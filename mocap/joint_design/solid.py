@@ -88,12 +88,12 @@ def _distance(start: Array, end: Array, point: Array) -> Array:
     return np.linalg.norm(start + share[:, None] * way - point, axis=1)
 
 
-PLATE_MM = 4.0
-FOOT_RADIUS_MM = 8.0
-FOOT_MM = 3.0
+PLATE_MM = 4.0  # thickness; this and what follows chosen, not measured
+FOOT_RADIUS_MM = 8.0  # of the moving pin
+FOOT_MM = 3.0  # its height
 COLUMN_MM = 4.0
 """Radius of the columns that carry a top plate."""
-_TIP_MM = 0.3
+_TIP_MM = 0.3  # by which a pin stands out of what it carries
 ROUND = 48
 """Sides of a circle: its polygon is thinner by 1 - cos(pi / 48), 0.2 %."""
 

@@ -7,7 +7,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.filters.body_axes import body_frames
 from mocap.filters.poses import FEWEST_FRAMES, MarkerTrial
-from mocap.filters.whittaker import FASTEST_HZ
+from mocap.filters.whittaker import fastest_hz
 from mocap.measures import Measures
 
 
@@ -25,7 +25,7 @@ def proposed_measures(
     if not trunk or len(trial.t_s) < FEWEST_FRAMES:
         return Measures()
     dt_s = float(np.diff(trial.t_s).mean())
-    axes = body_frames(trial.xyz_m[:, list(trunk)], dt_s=dt_s, cutoff_hz=min(FASTEST_HZ, 0.4 / dt_s)).rotation
+    axes = body_frames(trial.xyz_m[:, list(trunk)], dt_s=dt_s, cutoff_hz=fastest_hz(dt_s)).rotation
     found = {limb: cycle_frames(_swing(trial.xyz_m, axes, *limb)) for limb in _limbs(bones, trunk)}
     limbs = [limb for limb, cycle in found.items() if cycle]
     feet = [tip for root, tip in limbs if stands(trial.xyz_m[:, tip], found[root, tip])]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
 
 FOLDER = "figures"
-DPI = 200
+DPI = 200  # of printed images
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -23,7 +23,7 @@ _LIZARD = "The qualitative resemblance of the two empirical potential functions 
 _PATH = "The penalized models give a good representation; as ε is decreased, the motion remains close to a submanifold."
 WIDTH = 8.0
 """Beta in units of 1 / median squared distance: V rises to 1 - 1/e at a quarter of that distance."""
-SHUFFLES = 99
+SHUFFLES = 99  # the least p is then 0.01
 
 ENERGY_J, TIME_S = 4.0, 4.0
 """T0 of figure 20: the joint moves along the set to its ends, and even the least 1/eps^2 holds it; and its duration."""

@@ -24,7 +24,7 @@ COORDINATES = {
 _INSIDE = "The filter's 95 % intervals hold the true joint coordinates."
 _BOUND = "Theorem 3: the motion of the model stays where V_z is below its bound."
 _ENERGY = "Released without noise the filter's model conserves T + U + V_z/eps^2."
-RELEASED_S = 0.5
+RELEASED_S = 0.5  # chosen
 
 
 RECORDED: dict[str, tuple[Callable[..., Tracked], str]] = {

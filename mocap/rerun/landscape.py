@@ -14,8 +14,8 @@ GRID, CUBES = 80, 20
 """Points along an edge of a grid over the plane, cubes along the longest edge of one in space."""
 STIFFNESS = 20.0
 """1/eps^2 in units of the greatest kinetic energy: that motion alone could raise V by a twentieth."""
-_MARGIN = 0.2
-MM_PER_M = 1000.0
+_MARGIN = 0.2  # about the joint's range, as a share of it; chosen
+MM_PER_M = 1000.0  # the unit of these views
 RANGE = 0.5
 """The value of the potential at the edge of a joint's range."""
 

@@ -33,7 +33,7 @@ from mocap.skeleton import Skeleton
 LIVE = "mocap-live"
 WAITING = 256
 """Frames that wait for the viewer at most; what comes while so many wait is dropped."""
-_PATIENCE_S = 5.0
+_PATIENCE_S = 5.0  # for a viewer that is busy; chosen
 
 
 class LiveView:

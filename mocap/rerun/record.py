@@ -106,7 +106,7 @@ def recording_id(run: Recording) -> str:
     return f"{run.name}-{digest.hexdigest()}"
 
 
-_RAY = 0.15
+_RAY = 0.15  # length of a camera's axis, as a share of its distance from the scene; chosen
 _SCRIPT = """<script>
   const ask = window.fetch;
   window.fetch = (what, ...more) => new URL(what.url ?? what, location).origin === location.origin

@@ -26,7 +26,7 @@ from mocap.rerun import guardian
 HOST = "127.0.0.1"
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:"
 """What a page may load: parts of its own."""
-_START_S = 30.0
+_START_S = 30.0  # for a viewer that starts; chosen
 
 
 class ViewerError(MocapError):

@@ -390,3 +390,18 @@ def test_an_exchange_is_certain_at_199_of_200_and_excluded_at_1_of_20(
     found = settled(stacked(ring(3)), uv)
     assert found.exchanged.sum() == exchanged
     assert found.doubtful.sum() == (doubtful and tells)
+
+
+@pytest.mark.parametrize(
+    ("off", "near", "doubted"), [(0.09, 0, True), (0.11, 0, False), (0.09, 3, True), (0.09, 5, False)]
+)
+def test_a_stretch_that_fills_a_hole_is_doubtful_where_its_marker_is_ten_times_as_far(off, near, doubted):
+    """From a way along x: a metre in 80 frames, of which a twentieth may be nearer."""
+    xyz = np.full((110, 2, 3), np.nan)
+    xyz[:, 0] = np.arange(110)[:, None] * [1.0, 0, 0]
+    xyz[:80, 1] = xyz[:80, 0] + [0.0, 1.0, 0.0]
+    xyz[:near, 1, 1] = 0.5
+    xyz[90:95, 1], xyz[90:95, 0] = xyz[90:95, 0] + [0.0, off, 0.0], np.nan
+    _, doubtful = swaps.lone_runs(xyz, np.full(2, 0.1), [])
+    assert doubtful[90:95, 1].all() == doubted
+    assert doubtful.sum() == 5 * doubted

@@ -171,6 +171,16 @@ def test_a_limb_swings_by_fifteen_degrees(degrees, swings):
     assert np.isfinite(_swing(xyz, np.tile(np.eye(3), (60, 1, 1)), 0, 1)).all() == swings
 
 
+@pytest.mark.parametrize(("few", "swings"), [(9, False), (12, True)])
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_swing_that_a_twentieth_of_the_frames_shows_counts(few, swings, way):
+    """Of 200 frames, on either side of the others."""
+    angle = way * np.where(np.arange(200) < few, 0.5, 0.0)
+    xyz = np.zeros((200, 2, 3))
+    xyz[:, 1] = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    assert np.isfinite(_swing(xyz, np.tile(np.eye(3), (200, 1, 1)), 0, 1)).all() == swings
+
+
 @pytest.mark.parametrize(
     ("frames", "period", "lag"),
     [(100, 36, 36), (100, 48, 0), (100, 3, 0), (100, 4, 4)],  # 2.5 of them are seen; of more than three frames

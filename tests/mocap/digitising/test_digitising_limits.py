@@ -368,3 +368,44 @@ def test_the_decoder_is_frames_ahead_whatever_their_number(monkeypatch):
     for ahead in (1, 3, 50):
         monkeypatch.setattr(videos, "AHEAD", ahead)
         assert [*videos._ahead(movie, np.arange(7))] == [*range(7)]
+
+
+def animal(n=10, noise_m=1e-3):
+    """Poses of an animal that does not bend, 0.2 m long."""
+    mean = 0.1 * np.random.default_rng(3).uniform(-1, 1, (n, 3))
+    ones = np.ones(n, dtype=bool)
+    return PoseGaussian(mean, np.zeros((n, 3, 1)), noise_m**2, np.full(n, noise_m**2), ones)
+
+
+@pytest.mark.parametrize(("own", "found"), [(6, False), (7, True), (8, True)])
+def test_an_animal_is_recognised_by_seven_tenths_of_its_markers(own, found):
+    """Of ten, among points that are far from all of them; two more are far off."""
+    poses = animal()
+    points = np.concatenate([poses.mean[:own], 10 + 5 * np.random.default_rng(0).uniform(size=(10 - own, 3))])
+    assert (register.recognise(points, poses) is not None) == found
+
+
+def test_triples_are_ten_of_which_three_share_a_marker():
+    """Of many markers; none in a line."""
+    triples = register._triples(animal(16))
+    assert len(triples) == 10
+    used = np.bincount(np.ravel(triples))
+    assert used.max() == 3
+
+
+@pytest.mark.parametrize(("height", "n"), [(0.074, 0), (0.086, 1)])
+def test_three_markers_in_a_line_are_no_triple(height, n):
+    """Twice the area over the square of the longest side."""
+    mean = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, height, 0]])
+    poses = PoseGaussian(mean, np.zeros((3, 3, 1)), 1e-4, np.full(3, 1e-4), np.ones(3, dtype=bool))
+    assert len(register._triples(poses)) == n
+
+
+@pytest.mark.parametrize(("share", "matches"), [(2.9, True), (3.1, False)])
+def test_points_match_a_triple_within_three_deviations(share, matches):
+    """Of 1.5 of a distance's own deviation and a hundredth of it: here of the first side."""
+    poses = animal(3)
+    long, sd = register.distances(poses)
+    far = long.copy()
+    far[0, 1] = far[1, 0] = long[0, 1] + share * (1.5 * sd[0, 1] + 0.01 * long[0, 1])
+    assert ((0, 1, 2) in register._matching(far, poses, (0, 1, 2))) == matches

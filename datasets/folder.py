@@ -2,8 +2,6 @@
 
 import json
 import time
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -16,8 +14,7 @@ from eal.arrays import Array
 from mocap.cameras.camera import dlt_coefficients, stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.triangulate import linear
-from mocap.documents import one_line
-from mocap.errors import FormatError
+from mocap.documents import damaged
 from mocap.io.anipose import write_calibration
 from mocap.io.c3d import write_c3d
 from mocap.io.contents import FileContents
@@ -205,11 +202,8 @@ def read_truth(path: Path) -> MarkerTracks:
         FormatError: the file is not such a truth.
     """
     again = "it is not the truth of a synthetic recording: write it again"
-    try:
-        with np.load(path) as table:
-            parts = {name: table[name] for name in _TRUTH}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise FormatError(f"{path}: {one_line(error)}: {again}") from None
+    with damaged(f"{path}: cannot be read", again), np.load(path) as table:
+        parts = {name: table[name] for name in _TRUTH}
     found = checked(str(path), parts, _TRUTH, again=again)
     xyz_m = found["xyz_m"]
     return MarkerTracks(

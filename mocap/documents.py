@@ -6,12 +6,13 @@ import json
 import os
 import stat
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mocap.errors import FormatError
+from mocap.errors import FormatError, MocapError
 
 DEEPEST = 32
 """Levels of lists and tables in a document; ours have 8 at most."""
@@ -117,6 +118,21 @@ def one_line(error: Exception) -> str:
         return "it is nested too deeply"
     text = " ".join(str(error).split())
     return "a number has thousands of digits" if "int_max_str_digits" in text else text
+
+
+@contextmanager
+def damaged(what: str, advice: str) -> Iterator[None]:
+    """Whatever libraries raise over a damaged file, each its own, in one line; errors of ours pass.
+
+    Raises:
+        FormatError: ``what`` (what the library says): ``advice``.
+    """
+    try:
+        yield
+    except MocapError:
+        raise
+    except Exception as error:
+        raise FormatError(f"{what} ({type(error).__name__}: {one_line(error)[:200]}): {advice}") from None
 
 
 def _checked(found: Any, where: str, *, finite: bool) -> Any:

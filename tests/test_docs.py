@@ -217,7 +217,7 @@ def example(name: str) -> dict:
 
 def test_the_example_of_a_format_reads(tmp_path):
     """Centimetres become metres, an empty cell is a gap, and another first line is refused with both."""
-    (made,) = example("birdlab")["FORMATS"]
+    made = example("birdlab")["read_birdlab"]
     path = tmp_path / "a.txt"
     path.write_text("# BIRDLAB 200 Hz\nbeak,tail\n100,0,0,1,2,3\n,,,4,5,6\n")
     assert made.knows(head(path))

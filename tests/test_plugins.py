@@ -19,11 +19,11 @@ version = "1.0"
 [tool.setuptools]
 py-modules = ["birdlab", "wind"]
 [project.entry-points."mocap.formats"]
-birdlab = "birdlab:FORMAT"
+birdlab = "birdlab:read_birdlab"
 broken = "no_such_module:FORMAT"
 [project.entry-points."mocap.models"]
 resting = "birdlab:RESTING"
-wrong = "birdlab:FORMAT"
+wrong = "birdlab:read_birdlab"
 [project.entry-points."mocap.views"]
 wind = "wind"
 [project.entry-points."eal.kernels"]
@@ -68,7 +68,7 @@ def installed(tmp_path_factory):
     page = (ROOT / "docs" / "howto" / "extend.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     code = [next(b for b in blocks if word in b) for word in ("birdlab", "class RestingSettings", "RationalKernel")]
-    named = "from mocap.filters.models.registry import NamedModel\nFORMAT = FORMATS[0]\n"
+    named = "from mocap.filters.models.registry import NamedModel\n"
     named += 'RESTING = NamedModel(RestingSettings(), "resting", "accelerates little", posed=False)\n'
     (source / "birdlab.py").write_text("\n".join([*code, named]), encoding="utf-8")
     (source / "wind.py").write_text(WIND, encoding="utf-8")

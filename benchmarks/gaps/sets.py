@@ -59,7 +59,7 @@ from mocap.io.dvproject import read_project
 from mocap.io.optical_csv import read_vicon
 from mocap.io.qualisys import read_mat, read_tsv
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.records import Status
 from mocap.skeleton import Skeleton
 
@@ -85,7 +85,7 @@ WING, WING_TRUNK = ("t3L", "wstL", "t5L", "elbL"), ("shdL", "ankL", "str")
 def _flight(flight: str) -> Take:
     """A flight in the wind tunnel."""
     (path,) = sorted((DATA / "bat_windtunnel_dltdv8").joinpath(*flight.split("_")).glob("*dvProject.mat"))
-    project = read_project(path, fps=700)
+    project = read_project(path).with_rate(700)
     seen = np.flatnonzero(project.pixels.seen.any(axis=(0, 2)))
     part = slice(int(seen[0]), int(seen[-1]) + 1)
     pixels = replace(

@@ -14,7 +14,7 @@ from mocap.documents import read_toml
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, calibration_recording, point_recording
 from mocap.io.csv_table import read_table
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import frame_numbers
 from mocap.records import Status
 from mocap.schema import LARGEST, Entry, checked
@@ -147,6 +147,11 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
         stream.write("\n".join([*lines, "[metadata]", ""]))
 
 
+@file_format(
+    "anipose-3d",
+    "points of Anipose (CSV)",
+    lambda head: {"_error", "_ncams", "_score"} <= {cell[cell.rfind("_") :] for cell in head.cells()},
+)
 def _points(path: Path, _hints: Hints) -> FileContents:
     """Points in the frame of the cameras: (p + center) M, where the file holds a rotated frame."""
     header, values = read_table(path)
@@ -197,22 +202,14 @@ def _is_calibration(head: Head) -> bool:
     return any(re.fullmatch(r"\s*\[\s*(cam_|cameras\.)\d+\s*\]\s*", line) for line in head.lines)
 
 
-FORMATS = (
-    Format(
-        name="anipose-3d",
-        title="points of Anipose (CSV)",
-        knows=lambda head: {"_error", "_ncams", "_score"} <= {cell[cell.rfind("_") :] for cell in head.cells()},
-        read=_points,
-    ),
-    Format(
-        name="anipose-calibration",
-        title="calibration of Anipose, sleap-anipose, FreeMoCap or caliscope (TOML)",
-        knows=_is_calibration,
-        read=lambda path, _: calibration_recording(path, "anipose-calibration", read_calibration(path)),
-        write=lambda path, recording: write_calibration(path, recording.cameras),
-        holds=frozenset({"cameras"}),
-        suffixes=(".toml",),
-    ),
+ANIPOSE_CALIBRATION = Format(
+    name="anipose-calibration",
+    title="calibration of Anipose, sleap-anipose, FreeMoCap or caliscope (TOML)",
+    knows=_is_calibration,
+    read=lambda path, _: calibration_recording(path, "anipose-calibration", read_calibration(path)),
+    write=lambda path, recording: write_calibration(path, recording.cameras),
+    holds=frozenset({"cameras"}),
+    suffixes=(".toml",),
 )
 
 

@@ -14,7 +14,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FILLED, FileContents, point_recording, points_of
 from mocap.io.format import Format
-from mocap.io.optical import metres, told_apart, unit_of
+from mocap.io.optical import RATES_HZ, metres, told_apart, unit_of
 from mocap.records import Status
 
 BLOCK = 512
@@ -446,7 +446,7 @@ def _contradictions(statements: dict[str, dict[str, Any]], layout: _Layout, size
 def _rate(head: Head) -> tuple[float | None, list[str]]:
     """Frames a second by the head, else by POINT:RATE, and a finding where they differ or are none."""
     rates = {"the header": head.rate_hz, "POINT:RATE": head.number("POINT:RATE")}
-    sane = {who: rate for who, rate in rates.items() if rate is not None and 1e-4 < rate < 1e7}
+    sane = {who: rate for who, rate in rates.items() if rate is not None and RATES_HZ[0] <= rate <= RATES_HZ[1]}
     if not sane:
         return None, [f"the frame rate in the file is {head.rate_hz:g}"]
     who, fps = next(iter(sane.items()))
@@ -537,16 +537,14 @@ def write_c3d(path: Path, recording: FileContents) -> None:
     path.write_bytes(head.ljust(BLOCK, b"\0") + section + data + bytes(-len(data) % BLOCK))
 
 
-FORMATS = (
-    Format(
-        name="c3d",
-        title="C3D",
-        knows=lambda head: len(head.start) > 512 and head.start[1] == 0x50 and 2 <= head.start[0] <= 0x7F,
-        read=lambda path, _: read_c3d(path),
-        write=write_c3d,
-        holds=frozenset({"points", "first_frame", "fps", "unit", "origin", "residual_m", "sd"}),
-        needs=frozenset({"fps", "unit"}),
-        zero_is_missing=True,
-        suffixes=(".c3d",),
-    ),
+C3D = Format(
+    name="c3d",
+    title="C3D",
+    knows=lambda head: len(head.start) > 512 and head.start[1] == 0x50 and 2 <= head.start[0] <= 0x7F,
+    read=lambda path, _: read_c3d(path),
+    write=write_c3d,
+    holds=frozenset({"points", "first_frame", "fps", "unit", "origin", "residual_m", "sd"}),
+    needs=frozenset({"fps", "unit"}),
+    zero_is_missing=True,
+    suffixes=(".c3d",),
 )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle, variables
 from mocap.io.format import Head, head
@@ -147,13 +147,9 @@ def _offsets(path: Path, values: Array) -> Array:
 
 def _cropping(path: Path) -> Any:
     """``data.cropping_parameters`` [x1, x2, y1, y2] of DeepLabCut's meta file; zeros where it did not crop."""
-    try:
+    with damaged(f"{path.name}: no cropping_parameters of DeepLabCut in it", f"expected {KNOWN}"):
         data = plain_pickle(path.read_bytes(), inert=True)["data"]
         return data["cropping_parameters"] if data["cropping"] else (0, 0, 0, 0)
-    except Exception as error:  # damaged pickles raise whatever they like
-        raise FormatError(
-            f"{path.name}: no cropping_parameters of DeepLabCut in it ({one_line(error)}); expected {KNOWN}"
-        ) from None
 
 
 def _corner(path: Path, box: Any) -> Array:

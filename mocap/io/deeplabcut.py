@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording, views_of
@@ -25,6 +25,7 @@ from mocap.io.lines import frame_numbers, image_numbers, number, numbers, read_l
 if TYPE_CHECKING:
     import pandas as pd
 
+LEAST_LIKELIHOOD = 0.6  # DeepLabCut's cutoff
 _KEY = "df_with_missing"
 """Of DeepLabCut's tables in HDF5; labels of napari-deeplabcut, tracklets and others have theirs."""
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
@@ -97,46 +98,35 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
             score[0, :, m] = values[:, where[(*animal, "likelihood")]]
     single = len({individual for individual, _ in animals}) == 1
     names = [part if single else f"{individual}_{part}" for individual, part in animals]
-    low = np.isfinite(score) & (score < 0.6)
-    findings += [f"{low.sum()} samples have a likelihood below 0.6"] if low.any() else []
+    low = np.isfinite(score) & (score < LEAST_LIKELIHOOD)
+    findings += [f"{low.sum()} samples have a likelihood below {LEAST_LIKELIHOOD}"] if low.any() else []
     scored = not np.isnan(score).all()
     whose = tuple(animals) if animals[0][0] else ()
-    try:
-        if axes == "xyz":
-            return point_recording(
-                path, format, names=names, xyz=places, unit=None,
-                frames=numbered, first=0, animals=whose, score=score[0] if scored else None, findings=tuple(findings),
-            )  # fmt: skip
-        return pixel_recording(
-            path, format, names=names, cameras=[path.stem], uv_px=places[None], frames=numbered, first=0,
-            pixel_origin="upper-left", animals=whose, score=score if scored else None, findings=tuple(findings),
+    if axes == "xyz":
+        return point_recording(
+            path, format, names=names, xyz=places, unit=None,
+            frames=numbered, first=0, animals=whose, score=score[0] if scored else None, findings=tuple(findings),
         )  # fmt: skip
-    except ValueError as error:
-        raise FormatError(f"{path.name}: {one_line(error)}; export it again") from None
+    return pixel_recording(
+        path, format, names=names, cameras=[path.stem], uv_px=places[None], frames=numbered, first=0,
+        pixel_origin="upper-left", animals=whose, score=score if scored else None, findings=tuple(findings),
+    )  # fmt: skip
 
 
 def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     """The same from the table that pandas writes with PyTables (fixed or table layout)."""
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            tables = [str(key) for key in file if "pandas_type" in file[key].attrs]
-            if _KEY not in file and len(tables) != 1:
-                raise FormatError(
-                    f"{path.name}: has the tables {', '.join(tables)}; expected one, or {_KEY}: save one alone"
-                )
-            group: Any = file[_KEY if _KEY in file else tables[0]]
-            columns, stored, values, index = (_table_layout if "table" in group else _fixed_layout)(path, group)
-            at = {key: i for i, key in enumerate(stored)}
-            return _levels(path, columns), values[:, [at[key] for key in columns]], index
-    except FormatError:
-        raise
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError) as error:
-        raise FormatError(
-            f"{path.name}: not a readable table of DeepLabCut ({type(error).__name__}: {one_line(error)}): "
-            "export it again"
-        ) from None
+    with damaged(f"{path.name}: not a readable table of DeepLabCut", "export it again"), h5py.File(path, "r") as file:
+        tables = [str(key) for key in file if "pandas_type" in file[key].attrs]
+        if _KEY not in file and len(tables) != 1:
+            raise FormatError(
+                f"{path.name}: has the tables {', '.join(tables)}; expected one, or {_KEY}: save one alone"
+            )
+        group: Any = file[_KEY if _KEY in file else tables[0]]
+        columns, stored, values, index = (_table_layout if "table" in group else _fixed_layout)(path, group)
+        at = {key: i for i, key in enumerate(stored)}
+        return _levels(path, columns), values[:, [at[key] for key in columns]], index
 
 
 def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], Array, Index]:
@@ -178,14 +168,10 @@ def _side_by_side(path: Path, blocks: list[Any]) -> Array:
 
 def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
     """The column names that pandas keeps, pickled, in an attribute."""
-    try:
+    with damaged(f"{path.name}: the names of the columns cannot be read", "export it again"):
         names = plain_pickle(data)
         names = names[0][1] if len(names) == 1 and isinstance(names[0][1], list) else names  # of an axis
         return [tuple(str(word) for word in name) for name in names]
-    except Exception as error:  # damaged pickles raise whatever they like
-        raise FormatError(
-            f"{path.name}: the names of the columns cannot be read ({one_line(error)}): export it again"
-        ) from None
 
 
 def _levels(path: Path, columns: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
@@ -248,25 +234,23 @@ def _write_hdf5(path: Path, recording: FileContents) -> None:
 
 
 _WRITTEN = frozenset({"pixels", "pixel_origin", "points", "score", "animals", "frame_numbers"})
-FORMATS = (
-    Format(
-        name="deeplabcut-csv",
-        title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
-        knows=lambda head: head.first.startswith("scorer,") and any(x.startswith("coords,") for x in head.lines[2:4]),
-        read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
-        write=_write_csv,
-        holds=_WRITTEN,
-        suffixes=("dlc.csv",),
-        files=camera_files,
-    ),
-    Format(
-        name="deeplabcut-h5",
-        title="pixel tracks or 3D points of DeepLabCut (HDF5)",
-        knows=lambda head: _KEY in head.hdf5 or any(name.endswith("/pandas_type") for name in head.hdf5),
-        read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
-        write=_write_hdf5,
-        holds=_WRITTEN,
-        suffixes=("dlc.h5",),
-        files=camera_files,
-    ),
+DEEPLABCUT_CSV = Format(
+    name="deeplabcut-csv",
+    title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
+    knows=lambda head: head.first.startswith("scorer,") and any(x.startswith("coords,") for x in head.lines[2:4]),
+    read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
+    write=_write_csv,
+    holds=_WRITTEN,
+    suffixes=("dlc.csv",),
+    files=camera_files,
+)
+DEEPLABCUT_H5 = Format(
+    name="deeplabcut-h5",
+    title="pixel tracks or 3D points of DeepLabCut (HDF5)",
+    knows=lambda head: _KEY in head.hdf5 or any(name.endswith("/pandas_type") for name in head.hdf5),
+    read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
+    write=_write_hdf5,
+    holds=_WRITTEN,
+    suffixes=("dlc.h5",),
+    files=camera_files,
 )

@@ -1,8 +1,8 @@
-"""DLTdv's files (Hedrick 2008; versions 5 to 8) and those of Argus: the flat CSV set, and projects of version 8."""
+"""DLTdv's files (Hedrick 2008; versions 5 to 8): the flat CSV set."""
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +12,9 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.cameras.origin import BOTH, PixelCorner
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, calibration_recording, pixel_recording, point_recording, table_recording
+from mocap.io.contents import FileContents, calibration_recording, pixel_recording, table_recording
 from mocap.io.csv_table import by_title, decimals_in, decimals_of, first_cells, read_table, write_table
-from mocap.io.dvproject import read_project
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XYUVxyuv])")
@@ -148,6 +147,7 @@ def _origin_beside(path: Path) -> PixelCorner | None:
     return next((corner for corner in BOTH if isinstance(card, dict) and card.get("pixel_origin") == corner), None)
 
 
+@file_format("dltdv-xypts", "pixel tracks of DLTdv (flat CSV)", _is_pixels)
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     pixels, origin = read_pixels(path, fps=1.0), _origin_beside(path)
     notes = ("the file does not record the corner that pixel rows are counted from",) if origin is None else ()
@@ -160,6 +160,7 @@ def _is_points(head: Head) -> bool:
     return bool(names) and (_numbered(names) or "xyzpts" in head.name or "xyzfilt" in head.name)
 
 
+@file_format("dltdv-xyzpts", "points of DLTdv (flat CSV)", _is_points)
 def _points(path: Path, _hints: Hints) -> FileContents:
     points = read_points(path, fps=1.0)
     findings = ()
@@ -197,12 +198,13 @@ def offsets(path: Path, format: str, pattern: str) -> FileContents:
         raise FormatError(
             f"{path.name}: columns {', '.join(header[:4])}; expected one for each camera: export it again"
         )
-    note = _ahead(values[np.isfinite(values)]) or "the offsets of all cameras are 0"
+    note = ahead(values[np.isfinite(values)]) or "the offsets of all cameras are 0"
     cameras = tuple(f"cam{number}" for number in numbers)
     return table_recording(path, format, camera_names=cameras, tables={"offset_frames": values}, findings=(note,))
 
 
-def _ahead(offset_frames: np.ndarray) -> str:
+def ahead(offset_frames: np.ndarray) -> str:
+    """By how many frames cameras are offset, in words; empty: by none."""
     if not offset_frames.any():
         return ""
     return f"cameras are offset by {offset_frames.min():g} to {offset_frames.max():g} frames"
@@ -222,124 +224,29 @@ def _is_coefficients(head: Head) -> bool:
     return len(rows) - titled in (8, 11) and (titled or is_number_row(head.cells())) and len(head.cells()) <= 100
 
 
-def _project(path: Path, _hints: Hints) -> FileContents:
-    project = read_project(path, fps=1.0)
-    try:
-        rate = read_project(path).fps
-        findings = [f"the project states {rate:g} frames a second, which may be the playback rate"]
-    except FormatError:
-        rate, findings = None, []
-    if not project.cameras:
-        findings.append("the project has no DLT coefficients")
-    findings += filter(None, [_ahead(project.offset_frames)])
-    recording = FileContents(
-        format="dltdv-project",
-        paths=(path,),
-        names=project.pixels.names,
-        frames=1 + np.arange(len(project.pixels.t_s)),
-        fps=None,
-        pixels=project.pixels,
-        points=project.stored,
-        camera_names=project.pixels.cameras,
-        cameras=project.cameras,
-        pixel_origin="upper-left",
-        tables={"offset_frames": project.offset_frames},
-        findings=tuple(findings),
-    )
-    return recording if rate is None else recording.with_rate(rate)
+def ends(*words: str) -> Callable[[Head], bool]:
+    """Whether every title ends with one of some words."""
+    return lambda head: bool(head.cells()) and all(cell.endswith(words) for cell in head.cells())
 
 
-def _ends(*ends: str):
-    return lambda head: bool(head.cells()) and all(cell.endswith(ends) for cell in head.cells())
-
-
-FORMATS = (
-    Format(
-        name="dltdv-project",
-        title="project of DLTdv8 (MATLAB 7.3)",
-        knows=lambda head: "udExport" in head.hdf5,
-        read=_project,
-    ),
-    Format(name="dltdv-xypts", title="pixel tracks of DLTdv (flat CSV)", knows=_is_pixels, read=_pixels),
-    Format(name="dltdv-xyzpts", title="points of DLTdv (flat CSV)", knows=_is_points, read=_points),
-    Format(
-        name="dltdv-xyzres",
-        title="triangulation residuals of DLTdv (flat CSV)",
-        knows=_ends("_dltres"),
-        read=lambda path, _: residuals(path, "dltdv-xyzres", "_dltres"),
-    ),
-    Format(name="dltdv-xyzci", title="95 % intervals of DLTdv (flat CSV)", knows=_ends("+-CI"), read=_intervals),
-    Format(
-        name="dltdv-offsets",
-        title="camera offsets of DLTdv (flat CSV)",
-        knows=lambda head: bool(head.cells()) and all(re.fullmatch(r"cam\d+_offset", cell) for cell in head.cells()),
-        read=lambda path, _: offsets(path, "dltdv-offsets", r"cam(\d+)_offset"),
-    ),
-    Format(
-        name="dltdv-coefficients",
-        title="DLT coefficients (CSV, 11 rows, one column for each camera)",
-        knows=_is_coefficients,
-        read=lambda path, _: calibration_recording(path, "dltdv-coefficients", read_coefficients(path)),
-    ),
+DLTDV_XYZRES = Format(
+    name="dltdv-xyzres",
+    title="triangulation residuals of DLTdv (flat CSV)",
+    knows=ends("_dltres"),
+    read=lambda path, _: residuals(path, "dltdv-xyzres", "_dltres"),
 )
-
-
-ARGUS_PIXEL = re.compile(r"(?P<name>.+)_cam_(?P<camera>\d+)_(?P<axis>[xy])")
-_ARGUS_POINT = re.compile(r"(?P<name>.+)(?P<axis>_[xyz])")
-_ARGUS_INTERVAL = re.compile(r"(?P<name>.+)(?P<axis>_[xyz]_(lower|upper))")
-_ARGUS_ENDS = ("_x_lower", "_x_upper", "_y_lower", "_y_upper", "_z_lower", "_z_upper")
-
-
-def _argus_pixels(path: Path, _hints: Hints) -> FileContents:
-    expected = "names like track_cam_1_x"
-    names, numbers, uv = by_title(path, read_table(path), ARGUS_PIXEL, ["x", "y"], expected=expected)
-    cameras = [f"cam{number}" for number in numbers]
-    return pixel_recording(path, "argus-xypts", names=names, cameras=cameras, uv_px=uv, pixel_origin="lower-left")
-
-
-def _argus_points(path: Path, _hints: Hints) -> FileContents:
-    names, _, (xyz,) = by_title(path, read_table(path), _ARGUS_POINT, ["_x", "_y", "_z"], expected="names like track_x")
-    return point_recording(path, "argus-xyzpts", names=names, xyz=xyz, unit=None)
-
-
-def _argus_intervals(path: Path, _hints: Hints) -> FileContents:
-    names, _, (ends,) = by_title(
-        path, read_table(path), _ARGUS_INTERVAL, _ARGUS_ENDS, expected="names like track_x_lower"
-    )
-    note = (
-        "with three or more cameras Argus may have shifted the pixels in time before it computed these points: "
-        "triangulate them again"
-    )
-    half = {"interval": np.abs(ends[..., 1::2] - ends[..., ::2]) / 2}
-    return table_recording(path, "argus-xyz-cis", names=names, tables=half, findings=(note,))
-
-
-ARGUS_FORMATS = (
-    Format(
-        name="argus-xypts",
-        title="pixel tracks of Argus clicker (CSV)",
-        knows=lambda head: bool(names_of(head, ARGUS_PIXEL)),
-        read=_argus_pixels,
-    ),
-    Format(
-        name="argus-xyz-cis", title="95 % intervals of Argus (CSV)", knows=_ends(*_ARGUS_ENDS), read=_argus_intervals
-    ),
-    Format(
-        name="argus-offsets",
-        title="camera offsets of Argus (CSV)",
-        knows=lambda head: bool(head.cells()) and all(re.fullmatch(r"camera_\d+", cell) for cell in head.cells()),
-        read=lambda path, _: offsets(path, "argus-offsets", r"camera_(\d+)"),
-    ),
-    Format(
-        name="argus-xyzres",
-        title="triangulation residuals of Argus (CSV named ...-xyzres.csv)",
-        knows=lambda head: head.name.endswith("-xyzres.csv") and bool(head.cells()),
-        read=lambda path, _: residuals(path, "argus-xyzres", ""),
-    ),
-    Format(
-        name="argus-xyzpts",
-        title="points of Argus clicker (CSV)",
-        knows=lambda head: bool(names_of(head, _ARGUS_POINT)) and any(cell.endswith("_z") for cell in head.cells()),
-        read=_argus_points,
-    ),
+DLTDV_XYZCI = Format(
+    name="dltdv-xyzci", title="95 % intervals of DLTdv (flat CSV)", knows=ends("+-CI"), read=_intervals
+)
+DLTDV_OFFSETS = Format(
+    name="dltdv-offsets",
+    title="camera offsets of DLTdv (flat CSV)",
+    knows=lambda head: bool(head.cells()) and all(re.fullmatch(r"cam\d+_offset", cell) for cell in head.cells()),
+    read=lambda path, _: offsets(path, "dltdv-offsets", r"cam(\d+)_offset"),
+)
+DLTDV_COEFFICIENTS = Format(
+    name="dltdv-coefficients",
+    title="DLT coefficients (CSV, 11 rows, one column for each camera)",
+    knows=_is_coefficients,
+    read=lambda path, _: calibration_recording(path, "dltdv-coefficients", read_coefficients(path)),
 )

@@ -85,18 +85,16 @@ def write_set(path: Path, recording: FileContents) -> list[str]:
     return remarks
 
 
-FORMATS = (
-    Format(
-        name="dltdv",
-        title="DLTdv's flat CSV set",
-        knows=lambda _head: False,  # its files are formats of their own
-        read=lambda path, _: _not_one(path),
-        write=write_set,
-        holds=frozenset({"pixels", "points", "cameras", "residual_px", "offset_frames"}),
-        both=True,
-        suffixes=_ENDS,
-        files=lambda path, recording: list(set_files(path, recording).values()),
-    ),
+DLTDV = Format(
+    name="dltdv",
+    title="DLTdv's flat CSV set",
+    knows=lambda _head: False,  # its files are formats of their own
+    read=lambda path, _: _not_one(path),
+    write=write_set,
+    holds=frozenset({"pixels", "points", "cameras", "residual_px", "offset_frames"}),
+    both=True,
+    suffixes=_ENDS,
+    files=lambda path, recording: list(set_files(path, recording).values()),
 )
 
 

@@ -148,23 +148,21 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
     return table_recording(path, f"{maker}-sparse", names=names, tables=tables)
 
 
-FORMATS = (
-    Format(
-        name="dltdv-sparse",
-        title="sparse TSV of DLTdv",
-        knows=lambda head: head.first.lower().startswith("sparse format") and _kind(head) is not None,
-        read=lambda path, hints: _read(path, hints, argus=False),
-    ),
-    Format(
-        name="argus-sparse",
-        title="sparse TSV of Argus (named ...xypts, xyzpts, xyzres or offsets.tsv)",
-        knows=lambda head: re.match(_ARGUS, head.first) is not None and _kind(head) is not None,
-        read=lambda path, hints: _read(path, hints, argus=True),
-    ),
-    Format(
-        name="dltdv-point-names",
-        title="point names of DLTdv's sparse files",
-        knows=lambda head: head.first.strip() == POINT_NAMES,
-        read=lambda path, _: FileContents(format="dltdv-point-names", paths=(path,), names=tuple(read_names(path))),
-    ),
+DLTDV_SPARSE = Format(
+    name="dltdv-sparse",
+    title="sparse TSV of DLTdv",
+    knows=lambda head: head.first.lower().startswith("sparse format") and _kind(head) is not None,
+    read=lambda path, hints: _read(path, hints, argus=False),
+)
+ARGUS_SPARSE = Format(
+    name="argus-sparse",
+    title="sparse TSV of Argus (named ...xypts, xyzpts, xyzres or offsets.tsv)",
+    knows=lambda head: re.match(_ARGUS, head.first) is not None and _kind(head) is not None,
+    read=lambda path, hints: _read(path, hints, argus=True),
+)
+DLTDV_POINT_NAMES = Format(
+    name="dltdv-point-names",
+    title="point names of DLTdv's sparse files",
+    knows=lambda head: head.first.strip() == POINT_NAMES,
+    read=lambda path, _: FileContents(format="dltdv-point-names", paths=(path,), names=tuple(read_names(path))),
 )

@@ -1,6 +1,7 @@
 """Project files of DLTdv8 (``*dvProject.mat``: MATLAB 7.3, which is HDF5)."""
 
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,39 +9,22 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
+from mocap.io.contents import FileContents, pixel_recording
+from mocap.io.dltdv import ahead
 from mocap.io.easywand import is_tdata, lens_of
+from mocap.io.format import Hints, file_format
 from mocap.io.optical import rate
-from mocap.records import MarkerTracks, PixelTracks, marker_tracks
+from mocap.records import marker_tracks
 
 _DATA = "udExport/data"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class DvProject:
-    """What a DLTdv8 project holds.
-
-    Attributes:
-        pixels: Pixels as digitised, rows counted from the upper left; row n is frame n of the first camera.
-        cameras: The C cameras with their lenses and sizes; empty where the project has no DLT coefficients.
-        undistort_iterations: What ``mocap.cameras.camera.undistorted`` needs to undistort as DLTdv did.
-        stored: Points as DLTdv computed them at some time: some are stale, pixels were edited later.
-        fps: Frames a second of the first camera.
-        offset_frames: (T, C) frames by which each camera is ahead; 0 where synchronous.
-    """
-
-    pixels: PixelTracks
-    cameras: tuple[Camera, ...]
-    undistort_iterations: int
-    stored: MarkerTracks
-    fps: float
-    offset_frames: Array
-
-
-def read_project(path: Path, *, fps: float | None = None) -> DvProject:
-    """Read a project file, at ``fps`` frames a second (None: as the file says, which may be the rate of playback).
+@file_format("dltdv-project", "project of DLTdv8 (MATLAB 7.3)", lambda head: "udExport" in head.hdf5)
+def read_project(path: Path, _hints: Hints) -> FileContents:
+    """Pixels as digitised, row n frame n of the first camera; points as DLTdv once computed them, some stale.
 
     Raises:
         FormatError: the file is no such project, or its parts contradict each other.
@@ -49,42 +33,39 @@ def read_project(path: Path, *, fps: float | None = None) -> DvProject:
         raise FormatError(f"{path}: cannot be read: no such file")
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            return _project(path, file, fps)
-    except FormatError:
-        raise
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise FormatError(
-            f"{path.name}: not a readable project of DLTdv8 ({one_line(error)}): expected MATLAB 7.3 with "
-            f"{_DATA}; save it again"
-        ) from None
+    advice = f"expected MATLAB 7.3 with {_DATA}; save it again"
+    with damaged(f"{path.name}: not a readable project of DLTdv8", advice), h5py.File(path, "r") as file:
+        return _project(path, file)
 
 
-def _project(path: Path, file: Any, fps: float | None) -> DvProject:
+def _project(path: Path, file: Any) -> FileContents:
     data: Any = file[_DATA]
     cameras_n, markers_n = int(data["nvid"][0, 0]), int(data["numpts"][0, 0])
-    fps = rate(path, np.ravel(data["movFrameRates"][()])[0] if fps is None else fps)
+    fps, findings = None, []
+    with suppress(FormatError):
+        fps = rate(path, np.ravel(data["movFrameRates"][()])[0])
+        findings = [f"the project states {fps:g} frames a second, which may be the playback rate"]
     uv = _sparse(path, data, "xypts", 2 * cameras_n * markers_n, missing=np.nan)
     xyz = _sparse(path, data, "dltpts", 3 * markers_n, missing=np.nan).reshape(-1, markers_n, 3)
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
     if len(xyz) != len(uv):
         raise FormatError(f"{path.name}: {len(uv)} frames of pixels, {len(xyz)} of points: save the project again")
-    names, t_s = _names(path, file, data, markers_n), np.arange(len(uv)) / fps
-    cameras, iterations = _cameras(path, file, data, cameras_n)
-    return DvProject(
-        pixels=PixelTracks(
-            names=names,
-            cameras=tuple(f"cam{c + 1}" for c in range(cameras_n)),
-            t_s=t_s,
-            uv_px=np.transpose(uv.reshape(-1, markers_n, cameras_n, 2), (2, 0, 1, 3)),
-        ),
-        cameras=cameras,
-        undistort_iterations=iterations,
-        stored=marker_tracks(names, t_s, xyz),
+    cameras, offset = _cameras(path, file, data, cameras_n), _sparse(path, data, "offset", cameras_n, missing=0.0)
+    findings += [] if cameras else ["the project has no DLT coefficients"]
+    found = pixel_recording(
+        path,
+        "dltdv-project",
+        names=_names(path, file, data, markers_n),
+        cameras=[f"cam{c + 1}" for c in range(cameras_n)],
+        uv_px=np.transpose(uv.reshape(-1, markers_n, cameras_n, 2), (2, 0, 1, 3)),
         fps=fps,
-        offset_frames=_sparse(path, data, "offset", cameras_n, missing=0.0),
+        calibration=cameras,
+        pixel_origin="upper-left",
+        tables={"offset_frames": offset},
+        findings=(*findings, *filter(None, [ahead(offset)])),
     )
+    assert found.pixels is not None
+    return replace(found, points=marker_tracks(found.names, found.pixels.t_s, xyz))
 
 
 def _sparse(path: Path, data: Any, name: str, columns: int, *, missing: float) -> Array:
@@ -126,18 +107,18 @@ def _names(path: Path, file: Any, data: Any, count: int) -> tuple[str, ...]:
     return tuple(name or plain[m] for m, name in enumerate(names))
 
 
-def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[tuple[Camera, ...], int]:
-    """Cameras (none without coefficients) and the iterations of DLTdv's undistortion."""
+def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[Camera, ...]:
+    """Cameras; none without coefficients."""
     coefficients = data["dltcoef"]
     if coefficients.attrs.get("MATLAB_empty", 0):
-        return (), 3
+        return ()
     if coefficients.shape != (count, 11) or not np.isfinite(coefficients[()]).all():
         raise FormatError(
             f"{path.name}: DLT coefficients of shape {coefficients.shape[::-1]}; expected 11 finite numbers for each "
             f"of {count} cameras: load them again in DLTdv and save the project"
         )
     lenses = [_tdata(path, file, data, camera) for camera in range(count)]
-    iterations = {int(lens[9]) for lens in lenses if lens is not None} or {3}
+    iterations = {int(lens[9]) for lens in lenses if lens is not None}
     if len(iterations) > 1:
         raise FormatError(
             f"{path.name}: cameras are undistorted with {sorted(iterations)} iterations; expected one number"
@@ -147,7 +128,7 @@ def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[tuple[Camera
     for c, (row, lens) in enumerate(zip(coefficients[()], lenses, strict=True)):
         camera = dlt_camera(f"cam{c + 1}", row, lens=None if lens is None else lens_of(lens))
         cameras.append(replace(camera, size_px=(int(sizes[c][0]), int(sizes[c][1]))))
-    return tuple(cameras), iterations.pop()
+    return tuple(cameras)
 
 
 def _tdata(path: Path, file: Any, data: Any, camera: int) -> Array | None:

@@ -16,7 +16,7 @@ from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import FileContents, pixel_recording
-from mocap.io.format import Format, Hints
+from mocap.io.format import Hints, file_format
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,6 +119,7 @@ def _cameras(
     return tuple(cameras)
 
 
+@file_format("easywand", "easyWand calibration (easyWandData.mat)", lambda head: "easyWandData" in head.mat)
 def _easywand(path: Path, _hints: Hints) -> FileContents:
     wand = read_easywand(path)
     findings = [
@@ -175,6 +176,7 @@ def lens_of(tdata: Array) -> BrownLens:
     return BrownLens.of(tuple(tdata[:2]), tuple(tdata[2:4]), tuple(tdata[4:9]))
 
 
+@file_format("easywand-tforms", "undistortion of one camera (Tforms.mat)", lambda head: "camud" in head.mat)
 def _tform(path: Path, _hints: Hints) -> FileContents:
     lens, iterations = read_tform(path)
     return FileContents(
@@ -184,19 +186,3 @@ def _tform(path: Path, _hints: Hints) -> FileContents:
         lenses=((lens, None),),
         findings=(f"DLTdv undistorts with f = {np.mean(lens.f_px):g} px and {iterations} iterations",),
     )
-
-
-FORMATS = (
-    Format(
-        name="easywand",
-        title="easyWand calibration (easyWandData.mat)",
-        knows=lambda head: "easyWandData" in head.mat,
-        read=_easywand,
-    ),
-    Format(
-        name="easywand-tforms",
-        title="undistortion of one camera (Tforms.mat)",
-        knows=lambda head: "camud" in head.mat,
-        read=_tform,
-    ),
-)

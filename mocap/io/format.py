@@ -148,3 +148,14 @@ class Format:
     zero_is_missing: bool = False
     suffixes: tuple[str, ...] = ()
     files: Callable[[Path, FileContents], list[Path]] = lambda path, _: [path]
+
+    def __call__(self, path: Path, hints: Hints | None = None) -> FileContents:
+        """What a file holds, by its reader; ``mocap.io.registry.read_as`` adds what every file is checked for."""
+        return self.read(path, hints or Hints())
+
+
+def file_format(
+    name: str, title: str, knows: Callable[[Head], bool]
+) -> Callable[[Callable[[Path, Hints], FileContents]], Format]:
+    """Stands above a reader, and makes it the format that it reads; for formats that are not written."""
+    return lambda read: Format(name=name, title=title, knows=knows, read=read)

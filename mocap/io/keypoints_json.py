@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.documents import from_json, one_line, regular_bytes
+from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import MOST_FRAMES, image_numbers
 from mocap.schema import Entry, Schema, checked
 
@@ -52,7 +52,8 @@ def names_of(count: int) -> tuple[str, ...]:
 def _people(path: Path, frame: Any) -> list[Array]:
     """(K, 3) pixels and likelihoods of each person in a frame."""
     found = []
-    try:
+    advice = "expected people[].pose_keypoints_2d, or instances[].keypoints with keypoint_scores"
+    with damaged(f"{path.name}: no poses as OpenPose or MMPose write them", advice):
         if isinstance(frame, dict) and "people" in frame:
             for person in frame["people"]:
                 flat = [*person["pose_keypoints_2d"]]
@@ -69,11 +70,6 @@ def _people(path: Path, frame: Any) -> list[Array]:
                 uv = flat.reshape(-1, 2)
                 score = np.array(one.get("keypoint_scores", np.ones(len(uv))), dtype=float).reshape(-1, 1)
                 found.append(np.concatenate([uv, score], axis=1))
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise FormatError(
-            f"{path.name}: no poses as OpenPose or MMPose write them ({error}): expected people[].pose_keypoints_2d, "
-            "or instances[].keypoints with keypoint_scores"
-        ) from None
     for person in found:
         gone = (person[:, :2] == 0).all(axis=1) | ~np.isfinite(person).all(axis=1) | (person[:, 2] <= 0)
         person[gone] = np.nan
@@ -200,16 +196,6 @@ def _is_poses(head: Head) -> bool:
     )
 
 
-FORMATS = (
-    Format(
-        name="pose-json",
-        title="poses of OpenPose, RTMPose or MediaPipe (JSON, one file per frame)",
-        knows=_is_poses,
-        read=lambda path, _: read_folder(path),
-    ),
-)
-
-
 def _is_coco(head: Head) -> bool:
     text = "".join(head.lines).lstrip()
     if not text.startswith("{") or not re.search(r'"(images|annotations)"\s*:', text):
@@ -217,6 +203,7 @@ def _is_coco(head: Head) -> bool:
     return '"keypoints"' in head.path.read_text(encoding="utf-8", errors="replace")  # the categories may come last
 
 
+@file_format("coco-keypoints", "keypoints of COCO (JSON)", _is_coco)
 def _read_coco(path: Path, _hints: Hints) -> FileContents:
     """Pixels; a camera for each folder of images, an animal for each ``track_id`` (else by its place in the image).
 
@@ -225,13 +212,11 @@ def _read_coco(path: Path, _hints: Hints) -> FileContents:
     Raises:
         FormatError: a part is missing or has another shape; the message names the annotation.
     """
-    try:
+    with damaged(f"{path.name}: not COCO's images, categories, annotations", "export it again"):
         whole = json.loads(path.read_text(encoding="utf-8"))
         images = {image["id"]: PurePosixPath(str(image["file_name"]).replace("\\", "/")) for image in whole["images"]}
         kinds = {kind["id"]: kind for kind in whole["categories"] if kind.get("keypoints")}
         marks = [mark for mark in whole["annotations"] if mark.get("keypoints")]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise FormatError(f"{path.name}: not COCO's images, categories, annotations ({one_line(error)})") from None
     if not images or not kinds or not marks:
         raise FormatError(f"{path.name}: contains no images with annotated keypoints: export it again")
     frames = _image_frames(images)
@@ -300,4 +285,9 @@ def _recording(
     )
 
 
-COCO_FORMATS = (Format(name="coco-keypoints", title="keypoints of COCO (JSON)", knows=_is_coco, read=_read_coco),)
+POSE_JSON = Format(
+    name="pose-json",
+    title="poses of OpenPose, RTMPose or MediaPipe (JSON, one file per frame)",
+    knows=_is_poses,
+    read=lambda path, _: read_folder(path),
+)

@@ -9,7 +9,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import FileContents, point_recording
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate, told_apart
 
@@ -47,6 +47,11 @@ def _recording(
     )
 
 
+@file_format(
+    "dannce",
+    "predictions of DANNCE (.mat)",
+    lambda head: bool({"pred", "com"} & head.mat and {"sampleID", "p_max"} & head.mat),
+)
 def _predictions(path: Path, _hints: Hints) -> FileContents:
     """``pred`` (frames, [animals,] 3, points), or ``com`` (frames, 3); ``p_max`` are maxima of the probability maps."""
     table = variables(path)
@@ -65,6 +70,11 @@ def _predictions(path: Path, _hints: Hints) -> FileContents:
     return _recording(path, "dannce", np.swapaxes(xyz, 2, 3), frames, names=names, score=score)
 
 
+@file_format(
+    "label3d",
+    "labels of Label3D, also as DANNCE takes them (.mat)",
+    lambda head: "data_3D" in head.mat or "labelData" in head.mat,
+)
 def _labels(path: Path, _hints: Hints) -> FileContents:
     """``labelData{1}.data_3d`` (frames, 3 x points) of DANNCE's label files, or ``data_3D`` of Label3D's sessions."""
     table = variables(path)
@@ -134,23 +144,9 @@ def _has_structure(head: Head) -> bool:
     return bool(head.mat) and not head.mat & {"easyWandData", "camud"} and bool(_structures(head.path))
 
 
-FORMATS = (
-    Format(
-        name="dannce",
-        title="predictions of DANNCE (.mat)",
-        knows=lambda head: bool({"pred", "com"} & head.mat and {"sampleID", "p_max"} & head.mat),
-        read=_predictions,
-    ),
-    Format(
-        name="label3d",
-        title="labels of Label3D, also as DANNCE takes them (.mat)",
-        knows=lambda head: "data_3D" in head.mat or "labelData" in head.mat,
-        read=_labels,
-    ),
-    Format(
-        name="mocaptoolbox",
-        title="structure of the MoCap Toolbox (MATLAB)",
-        knows=_has_structure,
-        read=lambda path, _: _read_structure(path),
-    ),
+MOCAPTOOLBOX = Format(
+    name="mocaptoolbox",
+    title="structure of the MoCap Toolbox (MATLAB)",
+    knows=_has_structure,
+    read=lambda path, _: _read_structure(path),
 )

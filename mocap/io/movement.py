@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, of_animals, pixel_recording, point_recording, views_of
 from mocap.io.format import Format
@@ -31,7 +31,7 @@ def of_dataset(data: Any, path: Path) -> FileContents:
     Raises:
         FormatError: it is laid out otherwise.
     """
-    try:
+    with damaged(f"{path.name}: not a dataset of movement", "expected what movement saves"):
         # with the names of dimensions of this version, of which none is missing
         numbers = ("position", "confidence", "origin", "status", "sd", "covariance", "time", "frame")
         if odd := [name for name in numbers if name in data.variables and data[name].dtype.kind not in "fiub"]:
@@ -47,8 +47,6 @@ def of_dataset(data: Any, path: Path) -> FileContents:
                 data = data if name in data.coords else data.assign_coords({name: _ONE[name]})
                 data = data.expand_dims(name)
         return _recording(path, data)
-    except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
-        raise FormatError(f"{path.name}: {one_line(error)}; expected what movement saves") from None
 
 
 def _recording(path: Path, data: Any) -> FileContents:
@@ -172,16 +170,14 @@ def write_movement(path: Path, recording: FileContents) -> None:
     path.write_bytes(as_netcdf(dataset))
 
 
-FORMATS = (
-    Format(
-        name="movement",
-        title="poses of the package movement (NetCDF)",
-        knows=lambda head: {"position", "space"} <= head.hdf5,
-        read=lambda path, _: of_dataset(read_netcdf(path, again=_AGAIN), path),
-        write=write_movement,
-        holds=frozenset(
-            {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score", "animals"}
-        ),
-        suffixes=(".nc",),
+MOVEMENT = Format(
+    name="movement",
+    title="poses of the package movement (NetCDF)",
+    knows=lambda head: {"position", "space"} <= head.hdf5,
+    read=lambda path, _: of_dataset(read_netcdf(path, again=_AGAIN), path),
+    write=write_movement,
+    holds=frozenset(
+        {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score", "animals"}
     ),
+    suffixes=(".nc",),
 )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.schema import Schema, checked
@@ -152,19 +152,13 @@ def read_netcdf(path: Path, *, again: str) -> "xr.Dataset":
     """
     import xarray as xr
 
-    try:
+    with damaged(f"{path}: cannot be read as NetCDF", again):
         plain = _plain(path)
         if plain is not None:
             return plain
         with xr.open_dataset(path, engine="h5netcdf") as file:
             check_bytes(path, sum(one.nbytes for one in file.variables.values()), "its variables")
             return file.load()
-    except FormatError:
-        raise
-    except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
-        raise FormatError(
-            f"{path}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): {again}"
-        ) from None
 
 
 def variables(

@@ -20,7 +20,8 @@ from eal.arrays import Array
 from eal.needs import needs
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
-from mocap.documents import one_line
+from mocap.cameras.triangulate import PAIRS
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
@@ -29,7 +30,6 @@ from mocap.records import Status
 
 _KINDS = ("MultiCameraPoseEstimation", "PoseEstimation")
 _TABLE = "PoseUncertainty"
-_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _UNITS = {"meters": "m", "metres": "m", "meter": "m", "millimeters": "mm", "millimetres": "mm", "centimeters": "cm"}
 _LENSES: dict[int, type[Lens]] = {4: FisheyeLens, 5: BrownLens, 8: RationalLens}
 _CODES = ", ".join(f"{status.value} {status.name.lower()}" for status in Status)
@@ -43,14 +43,9 @@ def _object_name(name: str) -> str:
 def _read(path: Path, _hints: Hints) -> FileContents:
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            return _poses(path, file)
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise FormatError(
-            f"{path.name}: not readable as poses of ndx-pose ({type(error).__name__}: {one_line(error)}): give a file "
-            "with PoseEstimation of ndx-pose"
-        ) from None
+    advice = "give a file with PoseEstimation of ndx-pose"
+    with damaged(f"{path.name}: not readable as poses of ndx-pose", advice), h5py.File(path, "r") as file:
+        return _poses(path, file)
 
 
 def _kind(item: Any) -> str:
@@ -154,7 +149,7 @@ def _uncertainty(path: Path, file: Any, keys: list[str], xyz: Array) -> tuple[Ar
         shapes = rows.shape == (len(xyz), 6) and codes.shape == (len(xyz),)
         if not shapes or not set(codes.tolist()) <= set(map(int, Status)):
             raise FormatError(f"{path.name}: {_TABLE}: columns of {key} are not 6 covariances and a status a frame")
-        for n, (i, j) in enumerate(_UPPER):
+        for n, (i, j) in enumerate(PAIRS):
             cov[:, m, i, j] = cov[:, m, j, i] = rows[:, n]
         status[:, m] = codes
     return cov, status
@@ -253,7 +248,7 @@ def _table(recording: FileContents, keys: list[str]) -> Any:
     points = recording.points
     columns = []
     for m, key in enumerate(keys):
-        cov = np.stack([points.cov_m2[:, m, i, j] for i, j in _UPPER], axis=1)  # type: ignore[union-attr]
+        cov = np.stack([points.cov_m2[:, m, i, j] for i, j in PAIRS], axis=1)  # type: ignore[union-attr]
         what = f"covariance of the position of {recording.names[m]}: xx, xy, xz, yy, yz, zz in square metres"
         columns.append(common.VectorData(name=f"{key}_covariance", description=what, data=cov))
         codes = points.status[:, m].astype(np.int8)  # type: ignore[union-attr]
@@ -263,16 +258,14 @@ def _table(recording: FileContents, keys: list[str]) -> Any:
     return common.DynamicTable(name=_TABLE, description="A row for each frame of PoseEstimation", columns=columns)
 
 
-FORMATS = (
-    Format(
-        name="nwb",
-        title="poses in an NWB file (ndx-pose)",
-        knows=lambda head: {"session_description", "processing"} <= head.hdf5,
-        read=_read,
-        write=_write,
-        holds=frozenset({"points", "pixels", "cameras", "fps", "unit", "origin", "sd", "score", "pixel_origin"}),
-        both=True,
-        needs=frozenset({"fps"}),
-        suffixes=(".nwb",),
-    ),
+NWB = Format(
+    name="nwb",
+    title="poses in an NWB file (ndx-pose)",
+    knows=lambda head: {"session_description", "processing"} <= head.hdf5,
+    read=_read,
+    write=_write,
+    holds=frozenset({"points", "pixels", "cameras", "fps", "unit", "origin", "sd", "score", "pixel_origin"}),
+    both=True,
+    needs=frozenset({"fps"}),
+    suffixes=(".nwb",),
 )

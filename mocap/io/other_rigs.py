@@ -6,7 +6,6 @@ JOSS 7, 4362), but for distortions: QTM's are without unit and are not divided b
 map recorded pixels to ideal ones.
 """
 
-import pickle
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,11 +16,11 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
-from mocap.documents import decoded
+from mocap.documents import damaged, decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, calibration_recording
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Head, Hints, file_format
 
 _MOST_BYTES = 20_000_000  # files of rigs are far smaller
 
@@ -76,6 +75,11 @@ def _matrix(fu: float, fv: float, cu: float, cv: float) -> Array:
     return np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
 
 
+@file_format(
+    "qualisys-calibration",
+    "calibration of Qualisys (.qca.txt)",
+    lambda head: "<calibration" in _text(head)[:2000] and "focalLengthU" in _text(head),
+)
 def _qualisys(path: Path, _hints: Hints) -> FileContents:
     """QTM: camera axes x right, y up, z to the rear (turned by pi about x here), millimetres."""
     root, cameras, turned = _root(path), [], []
@@ -119,6 +123,11 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
     return calibration_recording(path, "qualisys-calibration", tuple(cameras), unit="mm", findings=findings)
 
 
+@file_format(
+    "vicon-calibration",
+    "calibration of Vicon (.xcp)",
+    lambda head: "<Cameras" in _text(head)[:2000] and "SENSOR_SIZE" in _text(head),
+)
 def _vicon(path: Path, _hints: Hints) -> FileContents:
     """Vicon: the quaternion x, y, z, w turns world into camera axes (x right, y down, z forward); millimetres."""
     from scipy.spatial.transform import Rotation
@@ -189,6 +198,13 @@ def _matrices(path: Path) -> dict[str, Array]:
     return found
 
 
+@file_format(
+    "easymocap",
+    "calibration of EasyMocap (intri.yml, extri.yml)",
+    lambda head: (
+        head.first.startswith("%YAML") and re.search(r"(?m)^\s*(K|R|Rot)_\w+: *!!opencv", _text(head)) is not None
+    ),
+)
 def _easymocap(path: Path, _hints: Hints) -> FileContents:
     """EasyMocap: ``intri.yml`` holds K and dist, ``extri.yml`` R (or Rot) and T; metres. The other lies beside it."""
     from scipy.spatial.transform import Rotation
@@ -225,25 +241,31 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
     )
 
 
+@file_format(
+    "opencap",
+    "camera of OpenCap (cameraIntrinsicsExtrinsics.pickle)",
+    lambda head: head.start[:1] == b"\x80" and b"intrinsicMat" in head.start,
+)
 def _opencap(path: Path, _hints: Hints) -> FileContents:
     """OpenCap: a pickle a camera (``cameraIntrinsicsExtrinsics.pickle``), its name that of the folder; millimetres."""
-    try:
+    advice = "expected intrinsicMat, distortion, imageSize, rotation and translation"
+    with damaged(f"{path.name}: not a camera of OpenCap", advice):
         table = plain_pickle(path.read_bytes())
         matrix = np.array(table["intrinsicMat"], dtype=float).reshape(3, 3)
         bend = np.array(table["distortion"], dtype=float)
         size = np.ravel(np.array(table["imageSize"], dtype=float))[::-1]
         rotation = np.array(table["rotation"], dtype=float).reshape(3, 3)
         shift = np.ravel(np.array(table["translation"], dtype=float)) / 1000
-    except (pickle.UnpicklingError, KeyError, TypeError, ValueError, EOFError, AttributeError, IndexError) as error:
-        raise FormatError(
-            f"{path.name}: not a camera of OpenCap ({error}): expected intrinsicMat, distortion, imageSize, rotation "
-            "and translation"
-        ) from None
     camera = _camera(path, path.absolute().parent.name, matrix, rotation, shift, bend, size)
     note = "the world is that of OpenCap's board, which stands upright: y or z of the board may point down"
     return calibration_recording(path, "opencap", (camera,), unit="mm", findings=(note,))
 
 
+@file_format(
+    "optitrack-calibration",
+    "calibration of OptiTrack (.cal, .mcal)",
+    lambda head: head.name.endswith(".mcal") or (not head.lines and head.name.endswith(".cal")),
+)
 def _optitrack(path: Path, _hints: Hints) -> FileContents:
     raise FormatError(
         f"{path.name}: calibrations of OptiTrack (.cal, .mcal) are not read: calibrate the cameras (mocap calibrate), "
@@ -253,39 +275,3 @@ def _optitrack(path: Path, _hints: Hints) -> FileContents:
 
 def _text(head: Head) -> str:
     return "\n".join(head.lines)
-
-
-FORMATS = (
-    Format(
-        name="qualisys-calibration",
-        title="calibration of Qualisys (.qca.txt)",
-        knows=lambda head: "<calibration" in _text(head)[:2000] and "focalLengthU" in _text(head),
-        read=_qualisys,
-    ),
-    Format(
-        name="vicon-calibration",
-        title="calibration of Vicon (.xcp)",
-        knows=lambda head: "<Cameras" in _text(head)[:2000] and "SENSOR_SIZE" in _text(head),
-        read=_vicon,
-    ),
-    Format(
-        name="easymocap",
-        title="calibration of EasyMocap (intri.yml, extri.yml)",
-        knows=lambda head: (
-            head.first.startswith("%YAML") and re.search(r"(?m)^\s*(K|R|Rot)_\w+: *!!opencv", _text(head)) is not None
-        ),
-        read=_easymocap,
-    ),
-    Format(
-        name="opencap",
-        title="camera of OpenCap (cameraIntrinsicsExtrinsics.pickle)",
-        knows=lambda head: head.start[:1] == b"\x80" and b"intrinsicMat" in head.start,
-        read=_opencap,
-    ),
-    Format(
-        name="optitrack-calibration",
-        title="calibration of OptiTrack (.cal, .mcal)",
-        knows=lambda head: head.name.endswith(".mcal") or (not head.lines and head.name.endswith(".cal")),
-        read=_optitrack,
-    ),
-)

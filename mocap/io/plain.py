@@ -8,10 +8,11 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.argus import ARGUS_PIXEL
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import Key, has_titles, laid_out, read_table
-from mocap.io.dltdv import ARGUS_PIXEL, PIXEL, names_of
-from mocap.io.format import Format, Head, Hints
+from mocap.io.dltdv import PIXEL, names_of
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import FRAMES, frame_numbers
 from mocap.io.optical import rate_of_times, time_unit_s
 
@@ -207,7 +208,7 @@ def _is_table(head: Head) -> bool:
     return 0 < first.count(",") == second.count(",") and re.search(r"(^|,)\s*[-+.]?\d", head.lines[1]) is not None
 
 
-FORMATS = (Format(name="csv", title="a plain CSV table, with --columns", knows=_is_table, read=_read),)
+CSV = Format(name="csv", title="a plain CSV table, with --columns", knows=_is_table, read=_read)
 
 
 _CAMERA = r"(?:camera|cam|view|kamera|c|v)[ _.#-]*(?P<camera>\d+)"
@@ -249,7 +250,9 @@ def _is_typed(head: Head) -> bool:
     return bool(columns_of(head.cells())) and not (names_of(head, PIXEL) or names_of(head, ARGUS_PIXEL))
 
 
-def _read_typed(path: Path, _hints: Hints) -> FileContents:
+@file_format("typed-pixels", "a table of pixels, titles of marker, camera and axis (tip cam1 X)", _is_typed)
+def typed_pixels(path: Path, _hints: Hints) -> FileContents:
+    """Pixels by the marker, the camera and the axis that each title names."""
     header, values = read_table(path)
     where = columns_of(tuple(header))
     if not where:
@@ -276,13 +279,3 @@ def _read_typed(path: Path, _hints: Hints) -> FileContents:
         findings=(note, *rate_notes, "the file does not record the corner that pixel rows are counted from"),
         assumed=(note,),
     )
-
-
-TYPED_FORMATS = (
-    Format(
-        name="typed-pixels",
-        title="a table of pixels, titles of marker, camera and axis (tip cam1 X)",
-        knows=_is_typed,
-        read=_read_typed,
-    ),
-)

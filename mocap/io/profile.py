@@ -20,7 +20,7 @@ from mocap.io import lines
 from mocap.io.contents import FileContents, calibration_recording
 from mocap.io.dltdv import is_number_row
 from mocap.io.easywand import read_tform
-from mocap.io.format import Format, Head, Hints, head
+from mocap.io.format import Format, Head, Hints, file_format, head
 
 _COLUMNS = ("cam", "f", "w", "h", "cx", "cy", "ar", "k1", "k2", "p1", "p2", "k3")
 _ALSO = {
@@ -201,6 +201,9 @@ def _is_profile(head: Head) -> bool:
     return whole and [row[0] for row in numbers] == [*range(1, len(rows) + 1)] and all(0.2 < r[6] < 5 for r in numbers)
 
 
+@file_format(
+    "camera-profile", "camera profile of Argus and easyWand (one line of 12 numbers for each camera)", _is_profile
+)
 def _profile(path: Path, _hints: Hints) -> FileContents:
     lenses = read_profile(path)
     odd = [c + 1 for c, (lens, (_, height)) in enumerate(lenses) if not 0.25 < lens.centre_px[1] / height < 0.75]
@@ -209,17 +212,9 @@ def _profile(path: Path, _hints: Hints) -> FileContents:
     return FileContents(format="camera-profile", paths=(path,), camera_names=names, lenses=lenses, findings=findings)
 
 
-FORMATS = (
-    Format(
-        name="camera-profile",
-        title="camera profile of Argus and easyWand (one line of 12 numbers for each camera)",
-        knows=_is_profile,
-        read=_profile,
-    ),
-    Format(
-        name="argus-sba-profile",
-        title="bundle-adjusted cameras of Argus (sba-profile, one line of 17 numbers for each camera)",
-        knows=_knows((17,)),
-        read=lambda path, _: calibration_recording(path, "argus-sba-profile", read_sba_profile(path)),
-    ),
+ARGUS_SBA_PROFILE = Format(
+    name="argus-sba-profile",
+    title="bundle-adjusted cameras of Argus (sba-profile, one line of 17 numbers for each camera)",
+    knows=_knows((17,)),
+    read=lambda path, _: calibration_recording(path, "argus-sba-profile", read_sba_profile(path)),
 )

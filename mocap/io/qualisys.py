@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
-from mocap.io.format import Format, Head
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import frame_numbers, numbers, read_lines
 from mocap.io.optical import rate
 from mocap.io.rigid import fixed_markers
@@ -20,7 +21,74 @@ _ORIGIN = np.array([Status.MISSING, Status.MEASURED, Status.INTERPOLATED, Status
 """By QTM's type of a sample: missing, measured, gap-filled, virtual, edited."""
 
 
-def read_tsv(path: Path) -> FileContents:
+def _head(lines: Sequence[str]) -> tuple[dict[str, list[str]], int]:
+    """Entries of the head by their keys, a line each (several of EVENT), and the number of its lines.
+
+    Titles that do not begin with Frame count as one.
+    """
+    head: dict[str, list[str]] = {}
+    for place, line in enumerate(lines):
+        key, *values = line.rstrip("\t").split("\t")
+        if key == "Frame" or not key[:1].isalpha():
+            return head, place
+        head[key.strip()] = values
+    return head, len(lines)
+
+
+@file_format(
+    "qualisys-6d",
+    "6DOF bodies of Qualisys Track Manager (TSV)",
+    lambda head: (
+        head.first.startswith("NO_OF_FRAMES\t") and any(line.startswith("BODY_NAMES\t") for line in head.lines[:20])
+    ),
+)
+def read_6d(path: Path, _hints: Hints) -> FileContents:
+    """Read a 6D text export: of each body X, Y, Z, three angles, a residual, and its rotation, column by column.
+
+    A body without a pose in a frame has zeros or empty cells there.
+
+    Raises:
+        FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
+    """
+    lines = read_lines(path)
+    start = next((i for i, line in enumerate(lines[:40]) if "Rot[0]" in line), len(lines))
+    head, _ = _head(lines[:start])
+    names = [name for name in head.get("BODY_NAMES", []) if name]
+    titles = [title.strip() for title in lines[start].split("\t")] if start < len(lines) else []
+    first = [i for i, title in enumerate(titles) if title.split(" ")[-1] == "X"]
+    turn = [i for i, title in enumerate(titles) if title.endswith("Rot[0]")]
+    if not names or len(first) != len(names) or len(turn) != len(names):
+        raise FormatError(
+            f"{path.name}: BODY_NAMES has {len(names)} bodies, the titles have {len(first)} of X and {len(turn)} of "
+            "Rot[0]: export it again from Qualisys Track Manager with column headers"
+        )
+    rows = [line for line in lines[start + 1 :] if line.strip()]
+    if not rows:
+        raise FormatError(f"{path.name}: no frames after the header: export it again")
+    while titles and not titles[-1]:
+        titles.pop()
+    cut = ["\t".join(cell.strip() for cell in row.split("\t")[: len(titles)]) for row in rows]
+    values = numbers(path, cut, separator="\t", columns=len(titles), first_line=start + 2)
+    places = np.stack([values[:, i : i + 3] for i in first], axis=1)
+    turns = np.stack([values[:, i : i + 9] for i in turn], axis=1)
+    frames = frame_numbers(path, values[:, 0], first_line=start + 2) if titles[0] == "Frame" else None
+    return table_recording(
+        path,
+        "qualisys-6d",
+        names=names,
+        frames=frames,
+        fps=rate(path, head.get("FREQUENCY", [""])[0]),
+        unit="mm",
+        tables={"transforms": _transforms(places, turns)},
+    )
+
+
+@file_format(
+    "qualisys-tsv",
+    "3D text export of Qualisys Track Manager (TSV)",
+    lambda head: head.first.startswith("NO_OF_FRAMES\t"),
+)
+def read_tsv(path: Path, _hints: Hints) -> FileContents:
     """Read a 3D text export: head lines from ``NO_OF_FRAMES`` to ``MARKER_NAMES``, column titles, a row a frame.
 
     Titles, and the columns Frame and Time, may be left out: then the first row is frame 1. QTM's frame n is at
@@ -76,61 +144,6 @@ def read_tsv(path: Path) -> FileContents:
     )
 
 
-def _head(lines: Sequence[str]) -> tuple[dict[str, list[str]], int]:
-    """Entries of the head by their keys, a line each (several of EVENT), and the number of its lines.
-
-    Titles that do not begin with Frame count as one.
-    """
-    head: dict[str, list[str]] = {}
-    for place, line in enumerate(lines):
-        key, *values = line.rstrip("\t").split("\t")
-        if key == "Frame" or not key[:1].isalpha():
-            return head, place
-        head[key.strip()] = values
-    return head, len(lines)
-
-
-def read_6d(path: Path) -> FileContents:
-    """Read a 6D text export: of each body X, Y, Z, three angles, a residual, and its rotation, column by column.
-
-    A body without a pose in a frame has zeros or empty cells there.
-
-    Raises:
-        FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
-    """
-    lines = read_lines(path)
-    start = next((i for i, line in enumerate(lines[:40]) if "Rot[0]" in line), len(lines))
-    head, _ = _head(lines[:start])
-    names = [name for name in head.get("BODY_NAMES", []) if name]
-    titles = [title.strip() for title in lines[start].split("\t")] if start < len(lines) else []
-    first = [i for i, title in enumerate(titles) if title.split(" ")[-1] == "X"]
-    turn = [i for i, title in enumerate(titles) if title.endswith("Rot[0]")]
-    if not names or len(first) != len(names) or len(turn) != len(names):
-        raise FormatError(
-            f"{path.name}: BODY_NAMES has {len(names)} bodies, the titles have {len(first)} of X and {len(turn)} of "
-            "Rot[0]: export it again from Qualisys Track Manager with column headers"
-        )
-    rows = [line for line in lines[start + 1 :] if line.strip()]
-    if not rows:
-        raise FormatError(f"{path.name}: no frames after the header: export it again")
-    while titles and not titles[-1]:
-        titles.pop()
-    cut = ["\t".join(cell.strip() for cell in row.split("\t")[: len(titles)]) for row in rows]
-    values = numbers(path, cut, separator="\t", columns=len(titles), first_line=start + 2)
-    places = np.stack([values[:, i : i + 3] for i in first], axis=1)
-    turns = np.stack([values[:, i : i + 9] for i in turn], axis=1)
-    frames = frame_numbers(path, values[:, 0], first_line=start + 2) if titles[0] == "Frame" else None
-    return table_recording(
-        path,
-        "qualisys-6d",
-        names=names,
-        frames=frames,
-        fps=rate(path, head.get("FREQUENCY", [""])[0]),
-        unit="mm",
-        tables={"transforms": _transforms(places, turns)},
-    )
-
-
 def _transforms(places_mm: Array, turns: Array) -> Array:
     """(T, B, 4, 4) world from body in metres, of positions (T, B, 3) and rotations (T, B, 9), column by column."""
     out = np.zeros((*turns.shape[:2], 4, 4))
@@ -158,15 +171,12 @@ def read_mat(path: Path) -> FileContents:
             f"{path.name}: {len(found)} variables contain Trajectories; expected one, as Qualisys Track Manager exports"
         )
     measurement = found[0]
-    try:
+    advice = "label them in Qualisys Track Manager and export again"
+    with damaged(f"{path.name}: no labelled trajectories", advice):
         labelled = measurement["Trajectories"]["Labeled"]
         frames, start = int(measurement["Frames"]), int(measurement.get("StartFrame", 1))
         names = [str(name) for name in np.atleast_1d(labelled["Labels"])]
         data = np.asarray(labelled["Data"], dtype=np.float64)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise FormatError(
-            f"{path.name}: no labelled trajectories ({error}): label them in Qualisys Track Manager and export again"
-        ) from None
     if data.size != len(names) * 4 * frames:
         raise FormatError(
             f"{path.name}: Labeled.Data has shape {data.shape}; expected {len(names)} markers x 4 (x, y, z, residual) "
@@ -198,7 +208,7 @@ def _bodies(path: Path, group: Any, names: Sequence[str], xyz_m: Array) -> Bodie
     """Bodies of the struct RigidBodies, whose arrays are bodies x 3 (9) x frames; none where there is none."""
     if not isinstance(group, dict) or not _count({"Count": group.get("Bodies", 0)}):
         return {}
-    try:
+    with damaged(f"{path.name}: RigidBodies is not as Qualisys Track Manager exports it", "export it again"):
         bodies = [str(name) for name in np.atleast_1d(group["Name"])]
         shape = len(bodies), -1, len(xyz_m)
         places, turns = (
@@ -206,8 +216,6 @@ def _bodies(path: Path, group: Any, names: Sequence[str], xyz_m: Array) -> Bodie
             for key in ("Positions", "Rotations")
         )
         return fixed_markers(names, xyz_m, bodies, _transforms(places, turns))
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"{path.name}: RigidBodies is not as Qualisys Track Manager exports it ({error})") from None
 
 
 def _count(group: Any) -> int:
@@ -234,25 +242,9 @@ def _has_trajectories(head: Head) -> bool:
     return any(isinstance(value, dict) and "Trajectories" in value for value in variables(head.path).values())
 
 
-FORMATS = (
-    Format(
-        name="qualisys-6d",
-        title="6DOF bodies of Qualisys Track Manager (TSV)",
-        knows=lambda head: (
-            head.first.startswith("NO_OF_FRAMES\t") and any(line.startswith("BODY_NAMES\t") for line in head.lines[:20])
-        ),
-        read=lambda path, _: read_6d(path),
-    ),
-    Format(
-        name="qualisys-tsv",
-        title="3D text export of Qualisys Track Manager (TSV)",
-        knows=lambda head: head.first.startswith("NO_OF_FRAMES\t"),
-        read=lambda path, _: read_tsv(path),
-    ),
-    Format(
-        name="qualisys-mat",
-        title="MATLAB export of Qualisys Track Manager",
-        knows=_has_trajectories,
-        read=lambda path, _: read_mat(path),
-    ),
+QUALISYS_MAT = Format(
+    name="qualisys-mat",
+    title="MATLAB export of Qualisys Track Manager",
+    knows=_has_trajectories,
+    read=lambda path, _: read_mat(path),
 )

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
@@ -14,11 +15,13 @@ from mocap.cameras.camera import flipped
 from mocap.errors import FormatError
 from mocap.io import (
     anipose,
+    argus,
     c3d,
     deeplabcut,
     dltdv,
     dltdv_set,
     dltdv_sparse,
+    dvproject,
     easywand,
     keypoints_json,
     matlab_points,
@@ -165,33 +168,18 @@ def _words(text: str) -> set[str]:
     return words | {part for word in words for part in word.split("_") if len(part) > 1}
 
 
-FORMATS: tuple[Format, ...] = (
-    *dltdv.FORMATS,
-    *dltdv_sparse.FORMATS,
-    *easywand.FORMATS,
-    *profile.FORMATS,
-    *deeplabcut.FORMATS,
-    *sleap.FORMATS,
-    *movement.FORMATS,
-    *nwb.FORMATS,
-    *anipose.FORMATS,
-    *other_rigs.FORMATS,
-    *keypoints_json.COCO_FORMATS,
-    *keypoints_json.FORMATS,
-    *matlab_points.FORMATS,
-    *video_tables.FORMATS,
-    *qualisys.FORMATS,
-    *optical_csv.FORMATS,
-    *trc.FORMATS,
-    *c3d.FORMATS,
-    *tables_long.FORMATS,
-    *tables.FORMATS,
-    *plain.TYPED_FORMATS,
-    *xmalab.FORMATS,
-    *dltdv.ARGUS_FORMATS,
-    *dltdv_set.FORMATS,
+def _each(*places: ModuleType | Format) -> Iterator[Format]:
+    """Formats, and those of modules in the order in which these define them."""
+    for place in places:
+        yield from (one for one in (place, *vars(place).values()) if isinstance(one, Format))
+
+
+FORMATS = (
+    *_each(dvproject, dltdv, dltdv_sparse, easywand, profile, deeplabcut, sleap, movement, nwb, anipose, other_rigs),
+    *_each(keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
+    *_each(plain.typed_pixels, xmalab, argus, dltdv_set),
     *offered("mocap.formats", Format).values(),
-    *plain.FORMATS,
+    plain.CSV,
 )
 """In the order in which they are asked: where two know a file, the first is right."""
 BESIDE = ("easymocap", "opencap")

@@ -8,23 +8,18 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
-from mocap.documents import one_line
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, camera_files, of_animals, pixel_recording, point_recording, points_of
-from mocap.io.format import Format, Hints
+from mocap.io.format import Format, Hints, file_format
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        raise FormatError(
-            f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {one_line(error)}): copy or export it again"
-        ) from None
+    with damaged(f"{path.name}: cannot be read as HDF5", "copy or export it again"), h5py.File(path, "r") as file:
+        table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
     lacking = [name for name in ("tracks", "node_names") if name in names and name not in table]
     if lacking:
         raise FormatError(f"{path.name}: the dataset {lacking[0]} is not in it: copy or export it again")
@@ -106,6 +101,11 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     )
 
 
+@file_format(
+    "sleap-labels",
+    "labels and predictions of SLEAP (.slp)",
+    lambda head: {"metadata", "frames", "instances"} <= head.hdf5,
+)
 def _labels(path: Path, _hints: Hints) -> FileContents:
     """Pixels of SLEAP's own project or prediction file, through sleap-io; a camera for each video.
 
@@ -119,14 +119,10 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
             f"{path.name}: reading a file of SLEAP (.slp) needs sleap_io, not installed here: run pip install "
             "'eal-mocap[sleap]'"
         ) from None
-    try:
+    with damaged(f"{path.name}: sleap-io cannot read it", "export it again"):
         labels = sleap_io.load_slp(str(path), open_videos=False)
         parts = [node.name for node in labels.skeleton.nodes]
         seen = [(labels.videos.index(one.video), int(one.frame_idx), one) for one in labels.labeled_frames]
-    except Exception as error:  # the library raises whatever damaged files bring about
-        raise FormatError(
-            f"{path.name}: sleap-io cannot read it ({type(error).__name__}: {one_line(error)}): export it again"
-        ) from None
     samples, unnamed = {}, False
     for camera, frame, one in seen:
         # what a person corrected stands beside the prediction that it was made from
@@ -217,30 +213,22 @@ def _as_hdf5(table: dict[str, Array]) -> bytes:
     return buffer.getvalue()
 
 
-FORMATS = (
-    Format(
-        name="sleap-labels",
-        title="labels and predictions of SLEAP (.slp)",
-        knows=lambda head: {"metadata", "frames", "instances"} <= head.hdf5,
-        read=_labels,
-    ),
-    Format(
-        name="sleap-analysis",
-        title="pixel tracks of SLEAP (analysis HDF5)",
-        knows=lambda head: {"tracks", "node_names"} <= head.hdf5,
-        read=_analysis,
-        write=_write_analysis,
-        holds=frozenset({"pixels", "pixel_origin", "score", "animals"}),
-        suffixes=("analysis.h5",),
-        files=camera_files,
-    ),
-    Format(
-        name="sleap-anipose-3d",
-        title="points of sleap-anipose (HDF5)",
-        knows=lambda head: "tracks" in head.hdf5 and "node_names" not in head.hdf5,
-        read=_points,
-        write=_write_points,
-        holds=frozenset({"points"}),
-        suffixes=("points3d.h5",),
-    ),
+SLEAP_ANALYSIS = Format(
+    name="sleap-analysis",
+    title="pixel tracks of SLEAP (analysis HDF5)",
+    knows=lambda head: {"tracks", "node_names"} <= head.hdf5,
+    read=_analysis,
+    write=_write_analysis,
+    holds=frozenset({"pixels", "pixel_origin", "score", "animals"}),
+    suffixes=("analysis.h5",),
+    files=camera_files,
+)
+SLEAP_ANIPOSE_3D = Format(
+    name="sleap-anipose-3d",
+    title="points of sleap-anipose (HDF5)",
+    knows=lambda head: "tracks" in head.hdf5 and "node_names" not in head.hdf5,
+    read=_points,
+    write=_write_points,
+    holds=frozenset({"points"}),
+    suffixes=("points3d.h5",),
 )

@@ -230,17 +230,13 @@ def _write_columns(path: Path, columns: dict[str, Any]) -> None:
         table.to_csv(path, index=False, header=as_cells(columns), na_rep="NaN", lineterminator="\n")
 
 
-FORMATS = (
-    Format(
-        name="csv-wide",
-        title="mocap's CSV or workbook, one row for each frame (frame, t_s, <name>_x, ...)",
-        knows=lambda head: head.cells()[:1] == ("frame",) and any(c.endswith("_origin") for c in head.cells()),
-        read=_read_wide,
-        write=_write_wide,
-        holds=frozenset(
-            {"points", "first_frame", "frame_numbers", "fps", "unit", "origin", "sd", "quantities", "time_s"}
-        ),
-        needs=frozenset({"unit"}),
-        suffixes=(".csv", ".xlsx"),
-    ),
+CSV_WIDE = Format(
+    name="csv-wide",
+    title="mocap's CSV or workbook, one row for each frame (frame, t_s, <name>_x, ...)",
+    knows=lambda head: head.cells()[:1] == ("frame",) and any(c.endswith("_origin") for c in head.cells()),
+    read=_read_wide,
+    write=_write_wide,
+    holds=frozenset({"points", "first_frame", "frame_numbers", "fps", "unit", "origin", "sd", "quantities", "time_s"}),
+    needs=frozenset({"unit"}),
+    suffixes=(".csv", ".xlsx"),
 )

@@ -5,8 +5,7 @@ Pixels: ``frame, t_s, marker, camera, u_px, v_px, score, seen``. ``t_s``, ``sd``
 """
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.documents import from_json
+from mocap.documents import damaged, from_json
 from mocap.errors import FormatError, MocapError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording, points_of
@@ -147,10 +146,14 @@ def _write_csv(path: Path, recording: FileContents) -> None:
     table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
 
 
+def _readable(path: Path) -> AbstractContextManager[None]:
+    return damaged(f"{path}: cannot be read as Parquet", "copy or export it again")
+
+
 def _read_parquet(path: Path, _hints: Hints) -> FileContents:
     import pyarrow.parquet as parquet
 
-    try:
+    with _readable(path):
         with path.open("rb") as stream:
             file = parquet.ParquetFile(stream)
             meta = file.metadata
@@ -161,20 +164,10 @@ def _read_parquet(path: Path, _hints: Hints) -> FileContents:
         found = checked(path.name, metadata, {"fps": Entry(least=POSITIVE, needed=False)}, again="export it again")
         fps = float(found["fps"]) if "fps" in found else None
         rows = table.to_pandas()
-    except FormatError:
-        raise
-    except Exception as error:  # pyarrow raises its own and whatever damaged metadata bring about
-        raise FormatError(
-            f"{path.name}: cannot be read as Parquet ({' '.join(str(error).split())[:160]}): copy or export it again"
-        ) from None
     if rows.empty:
         raise FormatError(f"{path.name}: contains no rows: export it again")
-    try:
+    with damaged(f"{path.name}: a column has the wrong type", "export it again"):  # they are arrow's until looked at
         return _recording(path, "parquet", rows, fps)
-    except FormatError:
-        raise
-    except Exception as error:  # as above: columns are arrow's until they are looked at
-        raise FormatError(f"{path.name}: a column has the wrong type ({error}): export it again") from None
 
 
 def _write_parquet(path: Path, recording: FileContents) -> None:
@@ -188,25 +181,23 @@ def _write_parquet(path: Path, recording: FileContents) -> None:
 
 
 _HELD = frozenset({"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score"})
-FORMATS = (
-    Format(
-        name="csv-long",
-        title="mocap's CSV, one row for each sample (frame, marker, ...)",
-        knows=lambda head: head.cells()[:1] == ("frame",) and "marker" in head.cells(),
-        read=_read_csv,
-        write=_write_csv,
-        holds=_HELD,
-        suffixes=("long.csv",),
-    ),
-    Format(
-        name="parquet",
-        title="mocap's Parquet, one row for each sample",
-        knows=lambda head: head.start.startswith(b"PAR1"),
-        read=_read_parquet,
-        write=_write_parquet,
-        holds=_HELD,
-        suffixes=(".parquet",),
-    ),
+CSV_LONG = Format(
+    name="csv-long",
+    title="mocap's CSV, one row for each sample (frame, marker, ...)",
+    knows=lambda head: head.cells()[:1] == ("frame",) and "marker" in head.cells(),
+    read=_read_csv,
+    write=_write_csv,
+    holds=_HELD,
+    suffixes=("long.csv",),
+)
+PARQUET = Format(
+    name="parquet",
+    title="mocap's Parquet, one row for each sample",
+    knows=lambda head: head.start.startswith(b"PAR1"),
+    read=_read_parquet,
+    write=_write_parquet,
+    holds=_HELD,
+    suffixes=(".parquet",),
 )
 
 
@@ -229,7 +220,7 @@ class LongTable:
         """Number of rows, and of the first frame."""
         import pyarrow.parquet as parquet
 
-        with self._readable():
+        with _readable(self.path):
             file = parquet.ParquetFile(self.path)
             first = next(file.iter_batches(batch_size=1, columns=["frame"]), None)
         lacking = [
@@ -240,20 +231,11 @@ class LongTable:
             raise FormatError(f"{self.path.name}: {what}; expected positions, one row per frame and marker")
         return file.metadata.num_rows, first["frame"][0].as_py()
 
-    @contextmanager
-    def _readable(self) -> Iterator[None]:
-        import pyarrow as pa
-
-        try:
-            yield
-        except (OSError, pa.ArrowException) as error:
-            raise FormatError(f"{self.path}: cannot be read as Parquet ({error}): copy or export it again") from None
-
     def _rows(self, rows: list[tuple[str, str, Any]], columns: list[str] | None = None) -> "pd.DataFrame":
         """Rows of which all that is true; row groups without any are not read."""
         import pyarrow.parquet as parquet
 
-        with self._readable():
+        with _readable(self.path):
             return parquet.read_table(self.path, columns=columns, filters=rows).to_pandas()
 
     @cached_property

@@ -9,7 +9,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of, table_recording
 from mocap.io.csv_table import as_cell, from_cell
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import frame_numbers, number, numbers, read_lines
 from mocap.io.optical import metres, rate_of_times, told_apart, unit_of
 
@@ -147,6 +147,7 @@ def _is_storage(head: Head) -> bool:
     return end is not None and head.lines[end + 1 :][:1] != () and head.lines[end + 1].lower().startswith("time")
 
 
+@file_format("opensim-storage", "quantities over time of OpenSim (.mot, .sto)", _is_storage)
 def _read_storage(path: Path, _hints: Hints) -> FileContents:
     """Quantities as the table ``quantities`` (T, N); of data type Vec3 positions, of markers as OpenSim writes them.
 
@@ -189,22 +190,14 @@ def _read_storage(path: Path, _hints: Hints) -> FileContents:
     )
 
 
-FORMATS = (
-    Format(
-        name="opensim-storage",
-        title="quantities over time of OpenSim (.mot, .sto)",
-        knows=_is_storage,
-        read=_read_storage,
-    ),
-    Format(
-        name="trc",
-        title="TRC (Motion Analysis, OpenSim)",
-        knows=lambda head: head.first.startswith("PathFileType"),
-        read=_read,
-        write=_write,
-        holds=frozenset({"points", "first_frame", "frame_numbers", "fps", "unit"}),
-        needs=frozenset({"fps", "unit"}),
-        zero_is_missing=True,
-        suffixes=(".trc",),
-    ),
+TRC = Format(
+    name="trc",
+    title="TRC (Motion Analysis, OpenSim)",
+    knows=lambda head: head.first.startswith("PathFileType"),
+    read=_read,
+    write=_write,
+    holds=frozenset({"points", "first_frame", "frame_numbers", "fps", "unit"}),
+    needs=frozenset({"fps", "unit"}),
+    zero_is_missing=True,
+    suffixes=(".trc",),
 )

@@ -11,7 +11,7 @@ from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Head, Hints, file_format
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
 
@@ -63,6 +63,7 @@ def _rate(path: Path, table: "pd.DataFrame") -> tuple[float | None, list[str]]:
     return None, []
 
 
+@file_format("caliscope-xy", "pixels of Caliscope (xy.csv)", lambda head: _has(head, _SEEN, True))
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     table = _table(path)
     camera = next(title for title in _CAMERAS if title in table)
@@ -82,6 +83,7 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
     )
 
 
+@file_format("caliscope-xyz", "points of Caliscope (xyz.csv)", lambda head: _has(head, _PLACES, False))
 def _points(path: Path, _hints: Hints) -> FileContents:
     table = _table(path)
     frames, names, _, (xyz,) = _rows(path, table, ["x_coord", "y_coord", "z_coord"])
@@ -112,6 +114,7 @@ def _is_kinovea(head: Head) -> bool:
     return first.lower().startswith("time") and bool(others) and all(map(_TITLE.fullmatch, others))
 
 
+@file_format("kinovea", "trajectories of Kinovea (CSV)", _is_kinovea)
 def _read_kinovea(path: Path, _hints: Hints) -> FileContents:
     """Pixels of one camera; times are milliseconds, unless they count whole frames.
 
@@ -147,20 +150,3 @@ def _read_kinovea(path: Path, _hints: Hints) -> FileContents:
         fps=fps,
         findings=(*findings, *notes),
     )
-
-
-FORMATS = (
-    Format(
-        name="caliscope-xy",
-        title="pixels of Caliscope (xy.csv)",
-        knows=lambda head: _has(head, _SEEN, True),
-        read=_pixels,
-    ),
-    Format(
-        name="caliscope-xyz",
-        title="points of Caliscope (xyz.csv)",
-        knows=lambda head: _has(head, _PLACES, False),
-        read=_points,
-    ),
-    Format(name="kinovea", title="trajectories of Kinovea (CSV)", knows=_is_kinovea, read=_read_kinovea),
-)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 
@@ -59,7 +60,7 @@ def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
         raise FormatError(
             f"{path.name}: workbooks need openpyxl: pip install 'eal-mocap[excel]', or save the sheet as CSV"
         ) from None
-    try:
+    with damaged(f"{path.name}: cannot be read as a workbook", "save it again, or as CSV"):
         with zipfile.ZipFile(path) as pack:
             check_bytes(path, sum(entry.file_size for entry in pack.infolist()), "its sheets")
             formulas = any(_holds(pack, n, b"<f") for n in pack.namelist() if n.startswith(_SHEETS))
@@ -72,11 +73,6 @@ def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
             book.close()
         if formulas:
             _check_computed(path, name, rows)
-    except FormatError:
-        raise
-    except Exception as error:  # openpyxl raises its own and whatever damaged XML brings about
-        reason = " ".join(str(error).split())[:160]
-        raise FormatError(f"{path.name}: cannot be read as a workbook ({reason}): save it again, or as CSV") from None
     while rows and not any(rows[-1]):
         rows.pop()
     width = max((len(row) for row in rows), default=0)

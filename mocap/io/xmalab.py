@@ -13,7 +13,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
 from mocap.io.csv_table import by_title, read_table
 from mocap.io.dltdv import PIXEL, names_of, read_pixels
-from mocap.io.format import Format, Head, Hints
+from mocap.io.format import Head, Hints, file_format
 from mocap.io.lines import frame_numbers, numbers, read_lines
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XY])")
@@ -33,6 +33,7 @@ def _is_pixels(head: Head) -> bool:
     return bool(names_of(head, PIXEL)) or (_OFFSETS.match(head.first) is not None and "_X" in head.first)
 
 
+@file_format("xmalab-2d", "pixel tracks of XMALab (CSV)", _is_pixels)
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     lines = read_lines(path)
     glued = _OFFSETS.match(lines[0])
@@ -67,6 +68,7 @@ def _is_points(head: Head) -> bool:
     return any(cell.endswith("_Z") for cell in cells) and all(re.fullmatch(r".+_[XYZ]", cell) for cell in cells)
 
 
+@file_format("xmalab-3d", "points of XMALab (CSV)", _is_points)
 def _points(path: Path, _hints: Hints) -> FileContents:
     header, values = read_table(path)
     frames, header, values = _frames(path, header, values)
@@ -101,6 +103,11 @@ def _is_bodies(head: Head) -> bool:
     )
 
 
+@file_format(
+    "xmalab-rigid-bodies",
+    "rigid bodies of XMALab and coordinate systems of Maya (CSV, 16 columns for each)",
+    _is_bodies,
+)
 def _bodies(path: Path, _hints: Hints) -> FileContents:
     """A row holds the transposed 4 x 4 matrix of each body: its first column, ..., its translation."""
     header, values = read_table(path)
@@ -137,15 +144,3 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
         tables={"transforms": matrices},
         findings=tuple(findings),
     )
-
-
-FORMATS = (
-    Format(
-        name="xmalab-rigid-bodies",
-        title="rigid bodies of XMALab and coordinate systems of Maya (CSV, 16 columns for each)",
-        knows=_is_bodies,
-        read=_bodies,
-    ),
-    Format(name="xmalab-2d", title="pixel tracks of XMALab (CSV)", knows=_is_pixels, read=_pixels),
-    Format(name="xmalab-3d", title="points of XMALab (CSV)", knows=_is_points, read=_points),
-)

@@ -124,7 +124,7 @@ def offsets_of(tracks: Path | None, offsets: Sequence[int] | None) -> tuple[Arra
     if tracks is None:
         return np.zeros((1, 1)), "not stated"
     if tracks.suffix.lower() == ".mat":
-        return read_project(tracks, fps=1.0).offset_frames, "from the project"
+        return read_project(tracks).tables["offset_frames"], "from the project"
     beside = tracks.with_name(tracks.name.replace("xypts", "offsets"))
     if beside != tracks and beside.is_file():
         return read_as(by_name("dltdv-offsets"), beside, Hints()).tables["offset_frames"], f"from {beside.name}"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from mocap.documents import from_json
+from mocap.documents import damaged, from_json
 from mocap.errors import FormatError
 from mocap.io.netcdf import read_netcdf
 from mocap.pipeline.recording import limb_variables, with_variables
@@ -30,10 +30,8 @@ def earlier_record(folder: Path, *, again: str) -> tuple[xr.Dataset, dict[str, A
     header = from_json(str(rest.attrs.get("header", "{}")), str(path))
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise FormatError(f"{path}: is no {FORMAT}: track again with this version")
-    try:
+    with damaged(f"{folder}: is not whole as a result of the version before", again):
         return _record(header, read_netcdf(folder / "markers.nc", again=again), rest, points), header
-    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise FormatError(f"{folder}: is not whole as a result of the version before ({error}): {again}") from None
 
 
 def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, points: xr.Dataset) -> xr.Dataset:

@@ -29,7 +29,7 @@ BETWEEN_FLIGHTS = 18.0
 
 def triangulated(project):
     """Markers of a wind-tunnel project as the twin names them, and where their rays meet: (T, 15, 3) in metres."""
-    uv = undistorted(project.cameras, project.pixels.uv_px, iterations=project.undistort_iterations)
+    uv = undistorted(project.cameras, project.pixels.uv_px, iterations=3)
     return tuple(POINTS.values()), linear(stacked(project.cameras), uv)
 
 
@@ -49,7 +49,7 @@ def wing_angles(found, names):
 def test_joints_fold_and_extend_as_far_as_the_real_ones(joint):
     """2 %, 50 % and 98 % of the angles of elbow and wrist are as near as single flights are to each other."""
     files = [real("bat_windtunnel_dltdv8", *flight.split("/")) for flight in FLIGHTS]
-    flown = [triangulated(read_project(next(path.glob("*dvProject.mat")), fps=700)) for path in files]
+    flown = [triangulated(read_project(next(path.glob("*dvProject.mat"))).with_rate(700)) for path in files]
     twins = [make_bat_wind_tunnel(seed=seed) for seed in range(3)]
     played = [(twin.truth.names, twin.truth.xyz_m) for twin in twins]
     theirs, ours = (np.nanquantile(wing_angles(found, ANGLES[joint]), [0.02, 0.5, 0.98]) for found in (flown, played))

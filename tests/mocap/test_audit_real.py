@@ -36,7 +36,7 @@ def test_a_late_camera_is_late_in_every_trial():
     ]
     found = []
     for folder, name in trials:
-        project = read_project(real(TUNNEL, "078A3", folder, name), fps=700)
+        project = read_project(real(TUNNEL, "078A3", folder, name)).with_rate(700)
         assert project.cameras is not None
         ideal = undistorted(project.cameras, project.pixels.uv_px, iterations=3)
         estimate = estimate_offsets(stacked(project.cameras), ideal)

@@ -36,12 +36,12 @@ def test_projects_are_the_derived_csv(trial):
     np.testing.assert_allclose(project.pixels.t_s, pixels.t_s, rtol=1e-12)
     np.testing.assert_allclose(project.pixels.uv_px, pixels.uv_px, rtol=0, atol=HALF_DIGIT)
     stored = read_points(folder / f"{trial}_xyzpts.csv", fps=700)
-    np.testing.assert_allclose(project.stored.xyz_m, stored.xyz_m, rtol=0, atol=HALF_DIGIT)
+    np.testing.assert_allclose(project.points.xyz_m, stored.xyz_m, rtol=0, atol=HALF_DIGIT)
     cameras = read_coefficients(folder / f"{trial}_dltCoefs.csv")
     for ours, theirs in zip(project.cameras, cameras, strict=True):
         np.testing.assert_allclose(ours.matrix, theirs.matrix, rtol=1e-5, atol=1e-6)
         assert ours.size_px == (2560, 1600)
-    assert not project.offset_frames.any()
+    assert not project.tables["offset_frames"].any()
     profile = folder / f"{trial}_camera_profile.txt"
     assert (project.cameras[0].lens is not None) == profile.exists()
     if profile.exists():
@@ -53,8 +53,8 @@ def test_projects_are_the_derived_csv(trial):
 def test_stored_points_follow_from_the_project_alone(trial, points, stale):
     """PROVENANCE.md: but for the stale ones, undistorted as DLTdv does, pixels give the stored points to rounding."""
     project = read_project(project_file(trial))
-    uv = undistorted(project.cameras, project.pixels.uv_px, iterations=project.undistort_iterations)
-    distance = np.linalg.norm(linear(stacked(project.cameras), uv) - project.stored.xyz_m, axis=-1)
+    uv = undistorted(project.cameras, project.pixels.uv_px, iterations=3)
+    distance = np.linalg.norm(linear(stacked(project.cameras), uv) - project.points.xyz_m, axis=-1)
     known = np.isfinite(distance)
     assert known.sum() == points
     assert np.sum(distance[known] > 1e-6) == stale
@@ -65,7 +65,7 @@ def test_the_stated_rate_wins():
     """078A3/F2 was saved with the rate of playback, 25.56 Hz: the user may know better."""
     path = real("bat_windtunnel_dltdv8", "078A3", "F2", "carollia_2Apr2021_078A3m_trial2_dvProject.mat")
     assert read_project(path).fps == 25.56
-    assert read_project(path, fps=700).pixels.t_s[700] == 1.0
+    assert read_project(path).with_rate(700).pixels.t_s[700] == 1.0
 
 
 def small_project(path, *, pixels=((0, 0, 5.0),)):
@@ -97,7 +97,7 @@ def test_a_project_without_calibration(tmp_path):
     assert project.pixels.seen.sum() == 1
     np.testing.assert_array_equal(project.pixels.uv_px[1, 1, 0], [7, 8])
     assert project.pixels.names == ("pt1",)
-    assert not project.stored.seen.any()
+    assert not project.points.seen.any()
 
 
 def edit(path, name, value):
@@ -107,11 +107,17 @@ def edit(path, name, value):
             file[f"udExport/data/{name}"] = value
 
 
+def test_a_rate_of_zero_is_none(tmp_path):
+    """A project without a rate still has its pixels; who reads it is asked for the rate."""
+    path = small_project(tmp_path / "trial7.mat")
+    edit(path, "movFrameRates", np.array([[0.0]]))
+    assert read_project(path).fps is None
+
+
 DAMAGE = {
     "no coefficients": ("dltcoef", None, "not a readable project.*dltcoef"),
     "coefficients of one camera": ("dltcoef", np.ones((1, 11)), "expected 11 finite numbers for each of 2 cameras"),
     "another number of points": ("numpts", np.array([[3.0]]), "xypts has 4 columns, expected 12"),
-    "no rate": ("movFrameRates", np.array([[0.0]]), "the frame rate is 0.0; expected frames a second"),
     "rows out of range": ("xypts/ir", np.array([9], dtype=np.uint64), "sparse matrix xypts contradicts its own size"),
     "columns that do not end": (
         "xypts/jc",

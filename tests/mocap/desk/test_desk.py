@@ -322,10 +322,10 @@ def test_what_a_refusal_names_has_a_button(worked, monkeypatch):
     """Cameras that start apart are refused, as reading has it: the desk offers what the sentence names, in options."""
     _, browser = worked
 
-    def refused(_):
+    def refused(*_, **__):
         raise MocapError("the cameras start apart, by cam1 +8 frames: give `correct_lag`")
 
-    monkeypatch.setattr("mocap.desk.desk.with_ideal_pixels", refused)
+    monkeypatch.setattr("mocap.batches.trial.read", refused)
     (alarm,) = [one for one in browser.get("audit?trial=flight").json() if one["alarm"]]
     assert alarm["text"].endswith("give --correct-lag")
     assert [(way["name"], way["value"]) for way in alarm["mend"]] == [("correct_lag", True)]

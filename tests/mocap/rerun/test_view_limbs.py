@@ -11,7 +11,8 @@ from test_view_pictures import loaded
 
 from mocap.pipeline.recording import limb_variables
 from mocap.rerun import palette, paths
-from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
+from mocap.rerun.limbs import REACH, map_view, pull_view
+from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.record import make_layout, write_recording
 from mocap.results.stored import read_recording, write_arrays
 
@@ -56,8 +57,8 @@ def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):
     _, _, outline = column(tmp_path / "a.rrd", f"{path}/ellipse", "LineStrips2D:strips")
     outline = outline.reshape(N, -1, 2)
     reach = np.abs(outline - (limb["state"] * (1, -1))[:, None]).max(axis=1)
-    np.testing.assert_allclose(reach[7], ELLIPSE_SD * np.array([0.6, 0.3]), atol=1e-3)
-    np.testing.assert_allclose(reach[3], ELLIPSE_SD * 0.1, atol=1e-3)
+    np.testing.assert_allclose(reach[7], ELLIPSOID_SD * np.array([0.6, 0.3]), atol=1e-3)
+    np.testing.assert_allclose(reach[3], ELLIPSOID_SD * 0.1, atol=1e-3)
     _, counts, arrows = column(tmp_path / "a.rrd", paths.child(paths.PULL, NAME), "Arrows3D:vectors")
     assert (counts <= 2).all()
     longest = np.linalg.norm(arrows, axis=1).max()

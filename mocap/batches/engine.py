@@ -20,8 +20,7 @@ from dask.utils import parse_bytes
 from distributed import Client, Future, KilledWorker, LocalCluster, Status
 
 from mocap.batches.one import basic_columns
-from mocap.batches.trial import Trial
-from mocap.batches.trial_record import NoWorkers, Options, Record
+from mocap.batches.trial import NoWorkers, Options, Record, Trial
 from mocap.batches.worker import TOPIC, track_here
 from mocap.errors import MocapError, shown_elsewhere
 

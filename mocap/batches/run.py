@@ -32,8 +32,7 @@ from mocap.batches.summary import (
     write_summary,
     write_times,
 )
-from mocap.batches.trial import Trial, some
-from mocap.batches.trial_record import NoWorkers, Options, Record, earlier_record, keep, key_of, read_record
+from mocap.batches.trial import NoWorkers, Options, Record, Trial, earlier_record, keep, key_of, read_record, some
 from mocap.cameras.origin import OriginError
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError

@@ -14,8 +14,7 @@ import numpy as np
 import pandas as pd
 
 from mocap.batches.find import DATA
-from mocap.batches.trial import some
-from mocap.batches.trial_record import Record
+from mocap.batches.trial import Record, some
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.csv_table import as_cell, from_cell

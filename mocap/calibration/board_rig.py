@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
-from mocap.calibration.boards import Board
+from mocap.calibration.boards import Board, BoardViews
 from mocap.calibration.bundle import adjust
 from mocap.calibration.chain import chained, rigid
-from mocap.calibration.detect import BoardViews
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, lens_trouble, place, without_ray
-from mocap.calibration.rig import RigCamera, in_world, turned_rad
-from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
+from mocap.calibration.scene import Adjusted, Free, RigCamera, Scene, Sightings, in_world, turned_rad
 from mocap.cameras.lens import Lens
 from mocap.errors import CalibrationError
 

@@ -9,8 +9,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
-from mocap.calibration.rig import RigCamera
-from mocap.calibration.scene import CLICK_PX, Adjusted, Free, Scene, Sightings, distinct
+from mocap.calibration.scene import CLICK_PX, Adjusted, Free, RigCamera, Scene, Sightings, distinct
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
 

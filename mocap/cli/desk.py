@@ -29,7 +29,7 @@ def desk(
     """
     from mocap import web as pages  # before all that needs the extra, which it names
     from mocap.batches.run import checked_model
-    from mocap.batches.trial_record import Options
+    from mocap.batches.trial import Options
     from mocap.desk.desk import opened_desk
     from mocap.desk.page import desk_page
 

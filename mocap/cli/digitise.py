@@ -68,7 +68,7 @@ def digitise(
     }
     if web:
         from mocap import web as pages  # before all that needs the extra, which it names
-        from mocap.batches.trial_record import Options
+        from mocap.batches.trial import Options
         from mocap.desk.desk import Desk
         from mocap.desk.page import desk_page
         from mocap.desk.session import SAVED, open_session

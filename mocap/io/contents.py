@@ -14,7 +14,7 @@ from mocap.cameras.camera import Camera, scaled
 from mocap.cameras.lens import Lens
 from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
-from mocap.io.optical import metres, rate
+from mocap.io.lines import metres, rate
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 from mocap.text import file_names
 

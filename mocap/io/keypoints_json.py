@@ -18,7 +18,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import MOST_FRAMES, image_numbers

@@ -13,9 +13,8 @@ from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, of_animals, pixel_recording, point_recording, views_of
 from mocap.io.format import Format
-from mocap.io.lines import MOST_FRAMES, frame_numbers
+from mocap.io.lines import MOST_FRAMES, frame_numbers, metres, rate_of_times, unit_of
 from mocap.io.netcdf import as_netcdf, read_netcdf
-from mocap.io.optical import metres, rate_of_times, unit_of
 from mocap.io.tables import WORDS, with_sd
 from mocap.records import Status
 from mocap.schema import LARGEST, Entry, checked

@@ -19,7 +19,6 @@ from mocap.io import (
     c3d,
     deeplabcut,
     dltdv,
-    dltdv_set,
     dltdv_sparse,
     dvproject,
     easywand,
@@ -177,7 +176,7 @@ def _each(*places: ModuleType | Format) -> Iterator[Format]:
 FORMATS = (
     *_each(dvproject, dltdv, dltdv_sparse, easywand, profile, deeplabcut, sleap, movement, nwb, anipose, other_rigs),
     *_each(keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
-    *_each(plain.typed_pixels, xmalab, argus, dltdv_set),
+    *_each(plain.typed_pixels, xmalab, argus),
     *offered("mocap.formats", Format).values(),
     plain.CSV,
 )

@@ -15,8 +15,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.csv_table import as_cells, as_workbook_cell, from_cell, to_the_last_bit
 from mocap.io.format import Format, Hints
-from mocap.io.lines import LARGEST, frame_numbers, number
-from mocap.io.optical import rate_of_times
+from mocap.io.lines import LARGEST, frame_numbers, number, rate_of_times
 from mocap.io.workbook import write_sheet
 from mocap.records import Status
 

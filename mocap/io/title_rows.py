@@ -11,8 +11,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date
 from decimal import Decimal
 
-from mocap.io.lines import MISSING_WORDS
-from mocap.io.optical import time_unit_s, unit_of
+from mocap.io.lines import MISSING_WORDS, time_unit_s, unit_of
 from mocap.text import number_of
 
 Cells = list[str]

@@ -10,7 +10,7 @@ from typing import Any
 
 from mocap.documents import damaged
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """The signature of .xls."""

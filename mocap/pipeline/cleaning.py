@@ -23,7 +23,7 @@ from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, exchange
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
-from mocap.io.optical import UNIT_M
+from mocap.io.lines import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
 from mocap.pipeline.by_hand import with_hand, without_hand

@@ -20,8 +20,7 @@ from mocap.kinematics.records import Kinematics
 from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks
-from mocap.results.dataset import plane_dataset
-from mocap.results.stored import write_arrays
+from mocap.results.stored import plane_dataset, write_arrays
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,8 +17,7 @@ from selenium.webdriver.common.keys import Keys
 
 import mocap
 from mocap.batches.one import track_trial
-from mocap.batches.trial import Trial, read_manifest, write_manifest
-from mocap.batches.trial_record import Options
+from mocap.batches.trial import Options, Trial, read_manifest, write_manifest
 from mocap.desk.desk import opened_desk
 from mocap.desk.page import desk_page
 from mocap.errors import MocapError
@@ -477,7 +476,7 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
     desk, _ = worked
     script = f"""
         from pathlib import Path
-        from mocap.batches.trial_record import Options
+        from mocap.batches.trial import Options
         from mocap.desk.desk import opened_desk
         from mocap.desk.page import desk_page
         from mocap.web import served

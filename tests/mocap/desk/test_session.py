@@ -12,7 +12,7 @@ from selenium.webdriver.common.keys import Keys
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
-from mocap.batches.trial_record import Options
+from mocap.batches.trial import Options
 from mocap.desk.desk import Desk
 from mocap.desk.page import desk_page
 from mocap.desk.session import SAVED, open_session

@@ -70,10 +70,6 @@ class Progress:
     workers: Mapping[str, str]
 
 
-def unwatched(_progress: Progress) -> None:
-    """Nobody looks."""
-
-
 @dataclass(frozen=True, eq=False)
 class Batch:
     """What came of a batch.
@@ -164,7 +160,7 @@ def batch(
     pictures: bool = False,
     validate: bool = True,
     seed: int = 0,
-    progress: Callable[[Progress], None] = unwatched,
+    progress: Callable[[Progress], None] = lambda _progress: None,
     **arguments: Any,
 ) -> Batch:
     """Track many trials, each as ``mocap.track`` does, and go on after a bad one.

@@ -83,7 +83,9 @@ def calibrate_boards(
         for stem, corners in views[name].corners.items():
             if (at := place(corners, intrinsics[i].lens)) is not None:
                 seen[i, stem] = rigid(*at)
-    turn = _turn(board) if board.turnable else None
+    turn = None
+    if board.turnable:  # by 180 degrees about the middle of its corners
+        turn = rigid(np.diag([-1.0, -1.0, 1.0]), board.points().max(axis=0) * [1.0, 1.0, 0.0])
     T_camera = chained(seen, names, turn)
     boards, turned, left_out = _boards(seen, T_camera, turn)
     stems = list(boards)
@@ -110,12 +112,6 @@ def _fixed_lens(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
     if name not in lenses:
         raise CalibrationError(f"camera {name!r} has no known lens: there are {', '.join(map(repr, lenses))}")
     return Intrinsics(lens=lenses[name], choice="known", held_out_px={}, f_sd_px=0.0, rms_px=0.0, cov=np.zeros((0, 0)))
-
-
-def _turn(board: Board) -> Array:
-    """Board axes turned by 180 degrees about the middle of its corners."""
-    far = board.points().max(axis=0)
-    return rigid(np.diag([-1.0, -1.0, 1.0]), np.array([far[0], far[1], 0.0]))
 
 
 def _boards(

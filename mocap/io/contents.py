@@ -116,10 +116,6 @@ class FileContents:
         """Metres in the unit of lengths, of ``path`` for messages; 1 where it is not known: lengths are then in it."""
         return metres(path, self.unit) if self.unit else 1.0
 
-    def without_points(self) -> "FileContents":
-        """With pixels alone."""
-        return replace(self, points=None)
-
     def renamed(self, names: Sequence[str]) -> "FileContents":
         """With other names of the markers, in their order."""
         pixels = None if self.pixels is None else replace(self.pixels, names=tuple(names))

@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
@@ -291,18 +291,8 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     return _of_either(path, hints, format, of_file)
 
 
-@contextmanager
-def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """A table to read in place of one that a spreadsheet or another program wrote, and sentences on how it was read.
-
-    For readers of one kind of file that the user names as such: camera profiles, coefficients, known points. It is
-    there while the context lasts.
-
-    Raises:
-        FormatError: its text has no separator, decimal mark and encoding that ``mocap.io.transcribe`` knows.
-    """
-    with transcribed(path, knows=_is_known) as (file, notes):
-        yield file, notes
+as_table = partial(transcribed, knows=_is_known)
+"""For readers of one kind of table that the user names as such: camera profiles, coefficients, known points."""
 
 
 def writer(path: Path, name: str | None) -> Format:

@@ -136,20 +136,16 @@ def write_pictures(shown: Sequence[Picture], folder: Path) -> dict[str, str]:
     (folder / FOLDER).mkdir()
     out: dict[str, str] = {}
     for one in shown:
-        _lay_out(cast("Figure", one.figure))
+        figure = cast("Figure", one.figure)
+        if (engine := figure.get_layout_engine()) is not None:  # once for both files
+            figure.set_dpi(DPI)
+            engine.execute(figure)
+            figure.set_layout_engine(None)
         (folder / FOLDER / f"{one.name}.png").write_bytes(drawn(one.figure, "png"))
         svg = drawn(one.figure, "svg")
         (folder / FOLDER / f"{one.name}.svg").write_bytes(svg)
         out[one.name] = svg.decode("utf-8")
     return out
-
-
-def _lay_out(figure: "Figure") -> None:
-    """Once for both files; a figure that has a layout to make is drawn once more for each, to no file."""
-    if (engine := figure.get_layout_engine()) is not None:
-        figure.set_dpi(DPI)
-        engine.execute(figure)
-        figure.set_layout_engine(None)
 
 
 def drawn(figure: "FigureBase", kind: str, *, dpi: int = DPI) -> bytes:

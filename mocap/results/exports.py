@@ -1,16 +1,16 @@
 """Results for other programs: Excel, MATLAB, OpenSim, MuJoCo, XMALab, those for animation and of key points."""
 
-import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mocap.errors import MocapError
 from mocap.filters.velocities import Motion
 from mocap.io.csv_table import as_workbook_cell
-from mocap.io.workbook import COLUMNS
+from mocap.io.workbook import write_sheets
 from mocap.io.xmalab import BODY_ENTRIES
 from mocap.kinematics.bodies import with_places
 from mocap.kinematics.cycles import Cycle, cycles_table
@@ -70,39 +70,24 @@ def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
     Raises:
         MocapError: openpyxl is not installed, or there are more quantities than a sheet has columns.
     """
-    try:
-        openpyxl = importlib.import_module("openpyxl")
-    except ImportError:
-        raise MocapError("writing .xlsx needs openpyxl: pip install 'eal-mocap[excel]'") from None
-    if len(found) + 2 > COLUMNS:
-        raise MocapError(f"a sheet of Excel has {COLUMNS} columns, but there are {len(found)} quantities: use .nc")
-    book = openpyxl.Workbook(write_only=True)
-    header = ["frame", "t_s", *map(as_workbook_cell, found)]
-    frames = np.arange(1, len(found.t_s) + 1).tolist()
-    sheets: dict[str, Callable[[Quantity], list]] = {
-        "value": lambda q: _cells(q.value),
-        "sd": lambda q: _cells(q.sd),
-        "status": lambda q: [WORDS[code] for code in q.rests],
+    table, header = cycles_table(rows), ["frame", "t_s", *map(as_workbook_cell, found)]
+
+    def over_time(column: Callable[[Quantity], list[Any]]) -> tuple[list[str], Iterable[Sequence[Any]]]:
+        columns = [range(1, len(found.t_s) + 1), found.t_s.tolist(), *map(column, found.quantities)]
+        return header, zip(*columns, strict=True)
+
+    about = ((q.name, q.unit, q.kind, q.what, " ".join(q.markers)) for q in found.quantities)
+    sheets = {
+        "value": over_time(lambda q: q.value.tolist()),
+        "sd": over_time(lambda q: q.sd.tolist()),
+        "status": over_time(lambda q: [WORDS[code] for code in q.rests]),
+        "cycles": (list(table.columns), table.itertuples(index=False)),
+        "quantities": (
+            ["quantity", "unit", "kind", "meaning", "markers"],
+            (map(as_workbook_cell, one) for one in about),
+        ),
     }
-    for name, column in sheets.items():
-        sheet = book.create_sheet(name)
-        sheet.append(header)
-        for row in zip(frames, found.t_s.tolist(), *(column(q) for q in found.quantities), strict=True):
-            sheet.append(row)
-    sheet = book.create_sheet("cycles")
-    table = cycles_table(rows)
-    sheet.append(list(table.columns))
-    for row in table.itertuples(index=False):
-        sheet.append([None if isinstance(v, float) and not np.isfinite(v) else v for v in row])
-    sheet = book.create_sheet("quantities")
-    sheet.append(["quantity", "unit", "kind", "meaning", "markers"])
-    for q in found.quantities:
-        sheet.append([as_workbook_cell(text) for text in (q.name, q.unit, q.kind, q.what, " ".join(q.markers))])
-    book.save(path)
-
-
-def _cells(values: np.ndarray) -> list:
-    return [v if np.isfinite(v) else None for v in values.tolist()]
+    write_sheets(path, sheets)
 
 
 def write_mat(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:

@@ -177,7 +177,14 @@ def read_recording(folder: Path) -> Recording:
                 f"{folder}: contains no {name}: expected a folder that `mocap track` or save() of this version wrote"
             )
     path = folder / (EARLIER if early else RECORDING)
-    found, header = earlier_record(folder, again=_AGAIN) if early else _opened(path)
+    if early:
+        found, header = earlier_record(folder, again=_AGAIN)
+    else:
+        found = read_netcdf(path, again=_AGAIN)
+        header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
+        format = header.get("format") if isinstance(header, dict) else header
+        if format != FORMAT:
+            raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
     where = f"{path}: header"
     entries = checked(where, header, _HEADER, again=_AGAIN)
     cameras = tuple(
@@ -196,6 +203,9 @@ def read_recording(folder: Path) -> Recording:
     joints = [joint.name for joint in skeleton.joints]
     if joints != (data["joint"].values.tolist() if "joint" in data.coords else []):
         raise FormatError(f"{folder / SKELETON}: has other joints than {path.name}: {_AGAIN}")
+    report = from_json(_text(folder / "report.json"), str(folder / "report.json"))
+    if not isinstance(report, dict):
+        raise FormatError(f"{folder / 'report.json'}: is no report, which is a table: {_AGAIN}")
     potentials = {kind: _potentials_of(folder, kind, where, header, joints) for kind in (PLANAR, SPATIAL)}
     return Recording(
         name=entries["name"][()],
@@ -206,7 +216,7 @@ def read_recording(folder: Path) -> Recording:
         findings=_findings(where, header),
         potentials=potentials[PLANAR],
         spatial_potentials=potentials[SPATIAL],
-        report=_report(folder / "report.json"),
+        report=report,
         report_text=_text(folder / "report.md"),
         folder=folder,
     )
@@ -306,24 +316,3 @@ def _text(path: Path) -> str:
         return regular_bytes(path).decode("utf-8")
     except UnicodeDecodeError as error:
         raise FormatError(f"{path}: is no text ({error}): {_AGAIN}") from None
-
-
-def _report(path: Path) -> dict[str, Any]:
-    found = from_json(_text(path), str(path))
-    if not isinstance(found, dict):
-        raise FormatError(f"{path}: is no report, which is a table: {_AGAIN}")
-    return found
-
-
-def _opened(path: Path) -> tuple[xr.Dataset, dict[str, Any]]:
-    """A dataset in memory, and its header.
-
-    Raises:
-        FormatError: it cannot be read, or is of another version.
-    """
-    found = read_netcdf(path, again=_AGAIN)
-    header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        format = header.get("format") if isinstance(header, dict) else header
-        raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
-    return found, header

@@ -15,7 +15,7 @@ import xarray as xr
 from eal.arrays import Array, short_repr
 from mocap.errors import MocapError
 from mocap.filters.velocities import with_means
-from mocap.io.movies import Movie
+from mocap.io.movies import Movie, open_movies
 from mocap.io.output import result_file, result_folder
 from mocap.joints import FRAMES
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
@@ -345,7 +345,7 @@ class Tracked(Recording):
         Raises:
             MocapError: not one movie a camera, or of another size.
         """
-        from mocap.rerun.log_video import offsets_of, open_movies, with_footage
+        from mocap.rerun.log_video import offsets_of, with_footage
 
         offsets = offsets_of(self.file, offset_frames)
         opened = [movie for movie in movies if isinstance(movie, Movie)]

@@ -30,7 +30,7 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     t_s = run.t_s
     log_gaps(rec, run.tracks)
     if run.cameras:
-        colors = [palette.of_series(c) for c in range(len(run.cameras))]
+        colors = [palette.SERIES[c % len(palette.SERIES)] for c in range(len(run.cameras))]
         for (lines, rows, _), values in zip(_ERRORS, layout.errors_px, strict=True):
             log_line(rec, lines, t_s, values.T, name=run.camera_names, color=colors)
             picture = amounts(values, usual_limit(values))

@@ -18,7 +18,8 @@ from mocap.desk.page import desk_page
 from mocap.desk.session import SAVED, open_session
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
-from mocap.web import page, served
+from mocap.web.server import served
+from mocap.web.tasks import page
 from tests.mocap.desk.conftest import client, requests_of, until
 from tests.mocap.digitising.filmed import NAMES, SIZE, video
 

@@ -14,9 +14,9 @@ from vulkan import need_vulkan
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.lens import BrownLens
 from mocap.errors import MocapError
-from mocap.io.movies import FIRST_PIXEL, open_movie
+from mocap.io.movies import FIRST_PIXEL, open_movie, open_movies
 from mocap.rerun import paths
-from mocap.rerun.log_video import coded_size, offsets_of, open_movies, with_footage
+from mocap.rerun.log_video import coded_size, offsets_of, with_footage
 from mocap.rerun.record import write_recording
 from tests.mocap.rerun.headless import Headless
 

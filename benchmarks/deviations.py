@@ -193,11 +193,11 @@ FLIGHTS = "bat_windtunnel_dltdv8"
 
 def real(project: Path) -> list[dict[str, object]]:
     """Checks without ground truth of a real flight, tracked with its measured lens, or with one that is fitted."""
-    source = read(project, fps=700.0)
     try:
-        run, prepared = run_job(replace(source, fit_lens=True), validated=False)
+        source = read(project, fps=700.0, fit_lens=True)
     except CalibrationError:  # the project has measured lenses
-        run, prepared = run_job(source, validated=False)
+        source = read(project, fps=700.0)
+    run, prepared = run_job(source, validated=False)
     name, digitised = f"real {project.parent.parent.name}-{project.parent.name}", prepared.xyz_m
     sd_m = np.sqrt(np.trace(prepared.cov_m2, axis1=-2, axis2=-1) / 3)
     out: list[dict[str, object]] = []

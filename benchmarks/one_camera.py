@@ -41,9 +41,10 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
 from eal.arrays import Z95, Array
+from mocap.cameras.origin import PixelOptions
 from mocap.io.dvproject import read_project
-from mocap.pipeline.cleaning import clean, with_ideal_pixels
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.tracking import marker_trial, seen_frames
 
 POINTS = (
@@ -86,8 +87,8 @@ def flight(path: Path) -> Flight:
     """One project."""
     project = read_project(path).with_rate(FPS)
     pixels = replace(project.pixels, names=POINTS, uv_px=project.pixels.uv_px[:, :, : len(POINTS)])
-    lens = project.cameras[0].lens is None
-    film = with_ideal_pixels(of_pixels(pixels, project.cameras, name=path.parent.name, fit_lens=lens))
+    options = PixelOptions(fit_lens=project.cameras[0].lens is None)
+    film = of_pixels(pixels, project.cameras, name=path.parent.name, options=options)
     prepared = clean(film)
     frames = seen_frames(prepared)
     day = re.search(r"\d+ ?[A-Z][a-z]{2,8} ?\d{4}", path.stem)

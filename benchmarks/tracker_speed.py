@@ -28,7 +28,7 @@ import pandas as pd
 from mocap.datasets import make_bat
 from mocap.datasets.rig import tunnel_cameras
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.live import live, looks
+from mocap.filters.live import live
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.constant_velocity import learn_constant_velocity
 from mocap.filters.models.pose import PoseSettings
@@ -91,7 +91,7 @@ class Case:
 
     def lagged(self, lag: int, every: int) -> None:
         """Live."""
-        for _ in live(self.model, looks(self.seen, self.t_s), lag=lag, every=every):
+        for _ in live(self.model, self.seen, self.t_s, lag=lag, every=every):
             pass
 
 

@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, record
-from mocap.io.movies import pyav
+from mocap.io.movies import FIRST_PIXEL, pyav
 from mocap.records import PixelTracks
 
-FIRST_PIXEL = 1.0
-"""Coordinates of the centre of the first pixel in the files of pixels, as DLTdv counts them."""
 _BACKGROUND, _ROD, _BODY, _BONE, _MARKER = 30, 60, 100, 135, 235
 _EDGE_ON, _FACE_ON = 45, 90
 _FRACTION_BITS = 4

@@ -13,7 +13,7 @@ from typing import Any, get_args
 import numpy as np
 
 from eal import npz
-from eal.arrays import Array
+from eal.arrays import LARGEST, Array
 from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.composite import CoordinateKernel, LinearKernel, ProductKernel, SumKernel
 from eal.fitting import Method
@@ -24,8 +24,6 @@ from eal.spectral import FILTERS, Scaling
 
 VERSION = 1
 ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
-LARGEST = 1e19
-"""No number of a potential is larger. Chosen; not measured."""
 ROUNDING = 1e-9
 """Of eigenvalues, which are between 0 and 1: far above that of float64 for thousands of samples."""
 _DAMAGE = (

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.floating[Any]]
 """Real numbers; records keep them as float64."""
 
+LARGEST = 1e19
+"""No number of a file of ours is larger: its square is one of single precision. Chosen."""
 Z95 = 1.959964
 """Half width of a 95 % interval in standard deviations."""
 

@@ -1,6 +1,11 @@
-"""The empirical potential V_z of the EAL paper: zero-like on the samples, 1 far from them."""
+"""The empirical potential V_z of the EAL paper: zero-like on the samples, 1 far from them.
 
-from collections.abc import Sequence
+V = 1 - |B^T k(q)|^2 with B (m, r) and the centres z (m, d) of ``eal.fitting`` and k(q) = (K(q, z_1), ..., K(q, z_m)).
+With the weights w_i = (B B^T k)_i k_i and g_i = grad log K_i the gradient of |B^T k|^2 is 2 sum_i w_i g_i, and half of
+its Hessian is P^T P + sum_i w_i (hess log K_i + g_i g_i^T) with P = B^T diag(k) g.
+"""
+
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.distance import pdist
 
-from eal import archive, evaluation, fitting
+from eal import archive, fitting
 from eal.arrays import Array, points, positive, read_only, short_repr
 from eal.checks import checked_covariances, checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.composite import LinearKernel
@@ -111,15 +116,29 @@ class EmpiricalPotential:
         Raises:
             ValueError: the last axis is not d.
         """
-        return self._at(evaluation.value, q)
+        return self._at(self._value, q)
+
+    def _value(self, q: Array) -> Array:
+        a = self.kernel.gram(q, self.centres) @ self.root
+        return np.maximum(1.0 - np.einsum("nr,nr->n", a, a), 0.0)  # rounding below 0 is cut
 
     def gradient(self, q: ArrayLike) -> Array:
         """Gradient of V_z: (..., d) configurations to (..., d), in 1/unit; raises as ``value``."""
-        return self._at(evaluation.gradient, q)
+        return self._at(self._gradient, q)
+
+    def _gradient(self, q: Array) -> Array:
+        k = self.kernel.gram(q, self.centres)
+        w = ((k @ self.root) @ self.root.T) * k
+        w *= -2.0
+        return self.kernel.weighted_gradient(q, self.centres, w)
 
     def hessian(self, q: ArrayLike) -> Array:
         """Hessian of V_z: (..., d) configurations to (..., d, d), in 1/unit^2; raises as ``value``."""
-        return self._at(evaluation.hessian, q, second=True)
+        return self._at(self._hessian, q, second=True)
+
+    def _hessian(self, q: Array) -> Array:
+        k = self.kernel.gram(q, self.centres)
+        return -2.0 * self._half_hessian(q, k, k @ self.root, np.zeros_like(q))
 
     def barrier_value(self, q: ArrayLike) -> Array:
         """-log(1 - V_z(q)): as V_z near the data, and without end away from it; (..., d) to (...).
@@ -127,11 +146,22 @@ class EmpiricalPotential:
         For the Gaussian kernel it grows as 2 beta times the squared distance from the samples. The largest
         exponent is factored out, so that nothing underflows at any distance. Raises as ``value``.
         """
-        return self._at(evaluation.barrier_value, q)
+        return self._at(self._barrier_value, q)
+
+    def _barrier_value(self, q: Array) -> Array:
+        k, top = self._scaled(q)
+        a = k @ self.root
+        return np.maximum(-2.0 * top - np.log(np.einsum("nr,nr->n", a, a)), 0.0)
 
     def barrier_gradient(self, q: ArrayLike) -> Array:
         """Gradient of -log(1 - V_z): (..., d) to (..., d), in 1/unit; raises as ``value``."""
-        return self._at(lambda kernel, centres, _, x: evaluation.barrier_gradient(kernel, centres, self._square, x), q)
+        return self._at(self._barrier_gradient, q)
+
+    def _barrier_gradient(self, q: Array) -> Array:
+        k, _ = self._scaled(q)  # the common factor exp(2 top) cancels
+        w = (k @ self._square) * k
+        w *= (-2.0 / w.sum(axis=1))[:, None]
+        return self.kernel.weighted_gradient(q, self.centres, w)
 
     @cached_property
     def _square(self) -> Array:
@@ -139,8 +169,35 @@ class EmpiricalPotential:
         return self.root @ self.root.T
 
     def barrier_hessian(self, q: ArrayLike) -> Array:
-        """Hessian of -log(1 - V_z): (..., d) to (..., d, d), in 1/unit^2; raises as ``value``."""
-        return self._at(evaluation.barrier_hessian, q, second=True)
+        """Hessian of -log(1 - V_z): (..., d) to (..., d, d), in 1/unit^2; raises as ``value``.
+
+        1 - V times exp(-2 c.q), c half the gradient of log(1 - V), has the same Hessian of its logarithm and no
+        gradient at q: with g_i - c for g_i nothing large cancels.
+        """
+        return self._at(self._barrier_hessian, q, second=True)
+
+    def _barrier_hessian(self, q: Array) -> Array:
+        k, _ = self._scaled(q)
+        a = k @ self.root
+        total = np.einsum("nr,nr->n", a, a)
+        shift = self.kernel.weighted_gradient(q, self.centres, (a @ self.root.T) * k / total[:, None])
+        return (-2.0 / total)[:, None, None] * self._half_hessian(q, k, a, shift)
+
+    def _scaled(self, q: Array) -> tuple[Array, Array]:
+        """K / exp(top) (n, m) and top = max_i log K_i (n,)."""
+        logs = self.kernel.log_gram(q, self.centres)
+        top = logs.max(axis=1)
+        logs -= top[:, None]
+        return np.exp(logs, out=logs), top
+
+    def _half_hessian(self, q: Array, k: Array, a: Array, shift: Array) -> Array:
+        """Half of the Hessian of |B^T k|^2 exp(-2 shift.q) over exp(-2 shift.q); k (n, m), a = B^T k (n, r)."""
+        n, d = q.shape
+        slopes = self.kernel.log_gradients(q, self.centres) - shift[:, None, :]
+        w = (a @ self.root.T) * k
+        p = ((slopes * k[:, :, None]).transpose(0, 2, 1).reshape(n * d, -1) @ self.root).reshape(n, d, -1)
+        outer = (slopes * w[:, :, None]).transpose(0, 2, 1) @ slopes
+        return p @ p.transpose(0, 2, 1) + outer + self.kernel.weighted_curvature(q, self.centres, w)
 
     def with_lambda(self, lam: float) -> "EmpiricalPotential":
         """The potential of the same samples at another lambda, without learning again: the columns of B scale.
@@ -238,11 +295,14 @@ class EmpiricalPotential:
 
         return plot_potential(self, ax)
 
-    def _at(self, function: Any, q: ArrayLike, *, second: bool = False) -> Array:
+    def _at(self, function: Callable[[Array], Array], q: ArrayLike, *, second: bool = False) -> Array:
+        """A function of (n, d) configurations at (..., d) of them, a bounded number at a time."""
         q = points("q", q, self.dimension)
-        m = len(self.centres)
-        width = m * (self.dimension + 1) * self.dimension if second else m
-        return evaluation.in_blocks(lambda flat: function(self.kernel, self.centres, self.root, flat), q, width)
+        width = len(self.centres) * ((self.dimension + 1) * self.dimension if second else 1)
+        flat, size = q.reshape(-1, q.shape[-1]), max(1, (1 << 22) // width)  # 32 MiB of kernel values
+        parts = [function(flat[i : i + size]) for i in range(0, max(len(flat), 1), size)]
+        result = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return result.reshape(q.shape[:-1] + result.shape[1:])
 
 
 def fit_potential(

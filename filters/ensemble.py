@@ -12,7 +12,7 @@ subtracts from a covariance, so none turns indefinite.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg.blas import dsyrk, dtrmm, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
@@ -22,30 +22,6 @@ from eal.arrays import Array
 
 if TYPE_CHECKING:
     from filterpy.kalman import MerweScaledSigmaPoints
-
-
-class SigmaPoints(Protocol):
-    """The parameters of a scaled unscented transform; filterpy's ``MerweScaledSigmaPoints`` has them."""
-
-    @property
-    def n(self) -> int:
-        """Size of the state."""
-        ...
-
-    @property
-    def alpha(self) -> float:
-        """Spread of the points."""
-        ...
-
-    @property
-    def beta(self) -> float:
-        """Weight of the fourth moment."""
-        ...
-
-    @property
-    def kappa(self) -> float:
-        """Secondary spread."""
-        ...
 
 
 def default_points(n: int) -> "MerweScaledSigmaPoints":
@@ -69,7 +45,7 @@ class Gaussian:
         return self.factor @ self.factor.T
 
 
-def scale(points: SigmaPoints) -> tuple[float, float]:
+def scale(points: "MerweScaledSigmaPoints") -> tuple[float, float]:
     """The spread c = alpha^2 (n + kappa) and gamma = beta - alpha^2.
 
     Raises:
@@ -150,7 +126,9 @@ class Prediction:
     noise: Array
 
 
-def predict(state: Gaussian, step: Callable[[Array], Array], noise: Array, points: SigmaPoints) -> Prediction:
+def predict(
+    state: Gaussian, step: Callable[[Array], Array], noise: Array, points: "MerweScaledSigmaPoints"
+) -> Prediction:
     """Propagate a state.
 
     Args:
@@ -185,7 +163,9 @@ class Update:
     log_likelihood: float
 
 
-def update(state: Gaussian, h: Callable[[Array], Array], y: Array, sd: Array, points: SigmaPoints) -> Update:
+def update(
+    state: Gaussian, h: Callable[[Array], Array], y: Array, sd: Array, points: "MerweScaledSigmaPoints"
+) -> Update:
     """Condition a state on observations with independent noise.
 
     No m x m matrix is formed: with whitened ensemble rows A, C = 1 + A A^T = U U^T (U upper), the posterior factor is

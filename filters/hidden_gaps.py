@@ -9,12 +9,10 @@ import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.hide import Hidden, excerpt, hide_neighbours, hide_own, lengths_for
 from mocap.filters.interpolate import interpolated
-from mocap.filters.mixture import Mixture, learn_mixture
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn, shares
-from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.models.singer import LastingSettings
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.score import Residuals, Score, joined, residuals_of, score
@@ -203,24 +201,3 @@ def own_gaps(trials: TrialSet) -> HiddenGaps:
 def _of_the_last(trials: TrialSet, *hidden: Hidden[MarkerTrial]) -> HiddenGaps:
     last = len(trials.trials) - 1
     return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, one) for one in hidden if one.gaps])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Mixed:
-    """Models and how they are mixed.
-
-    Attributes:
-        models: The K models.
-        mixture: Their weights.
-        residuals: What each missed the hidden samples by.
-    """
-
-    models: tuple[TrajectoryModel, ...]
-    mixture: Mixture
-    residuals: tuple[Residuals, ...]
-
-
-def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel], call_all: CallAll = in_turn) -> Mixed:
-    """How models are mixed, by how they fill hidden gaps."""
-    residuals = gaps.fill(models, call_all)
-    return Mixed(models=tuple(models), mixture=learn_mixture(residuals), residuals=residuals)

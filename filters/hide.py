@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from mocap.filters.poses import MarkerTrial
@@ -50,46 +50,8 @@ def excerpt(seen: Mask, frames: int, rng: np.random.Generator | None = None) -> 
     return slice(start, start + frames)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Group:
-    """Sets of markers of which one is hidden in a gap.
-
-    Attributes:
-        name: Of the kind of gap.
-        sets: (G, M) True for the markers of each set.
-        least: (G,) markers of a set that must be measured there (``Rules``) for it to be chosen.
-        hides: Of the chosen set: every marker (``all``), those that were measured, or so many of these at random.
-    """
-
-    name: str
-    sets: Mask
-    least: NDArray[np.int64]
-    hides: Literal["all", "measured"] | int = "measured"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rules:
-    """Where gaps may lie.
-
-    Attributes:
-        margin: Frames on either side of a gap in which its markers were measured.
-        measured: Share of the gap in which a marker was measured if it is to be compared.
-        apart_frames: Frames between two gaps in which nothing is hidden,
-        apart_share: and so many more as a share of the gap's length.
-        alone: Whether that holds for all markers; else only for each marker by itself, and gaps overlap in time.
-        longest_first: Whether gaps are placed in order of length, for long ones need most room; else as they come.
-        copies: Copies of a trial that gaps are spread over, at most; None: as many as hold one of each.
-        twice: Whether each gap is placed once more where there is room when each has its place.
-    """
-
-    margin: int = 3
-    measured: float = 0.5
-    apart_frames: int = 0
-    apart_share: float = 0.25
-    alone: bool = True
-    longest_first: bool = False
-    copies: int | None = 1
-    twice: bool = False
+MARGIN, MEASURED = 3, 0.5
+"""Frames on either side of a gap in which its markers were measured, and the share of it in which they were."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,11 +59,11 @@ class Gap:
     """One gap.
 
     Attributes:
-        kind: Name of its group.
+        kind: What it hides, by name.
         length: In frames.
         start: Its first frame.
         hidden: (M,) markers that are hidden.
-        scored: (M,) of them, those that are compared: measured as the rules have it.
+        scored: (M,) of them, those that are compared: they were measured (``place``).
     """
 
     kind: str
@@ -116,61 +78,51 @@ class Gap:
         return slice(self.start, self.start + self.length)
 
 
-def hide(
-    seen: Mask, wanted: Sequence[tuple[Group, int]], rng: np.random.Generator, rules: Rules
-) -> list[tuple[Gap, ...]]:
-    """A gap of every wanted group and length that (T, M) sightings have room for, for each copy of the trial.
+def place(
+    seen: Mask,
+    others: Sequence[Gap],
+    sets: Mask,
+    least: NDArray[np.int64] | int,
+    length: int,
+    rng: np.random.Generator,
+    *,
+    margin: int = MARGIN,
+    measured: float = MEASURED,
+    apart: int | None = None,
+) -> tuple[int, int, Mask] | None:
+    """Where a gap may lie in (T, M) sightings, drawn evenly from all places and sets of markers; None: there is none.
 
-    Each gap is drawn evenly from all places and sets that the rules allow. What has no room is left out.
+    Args:
+        seen: Sightings.
+        others: Gaps that are there.
+        sets: (G, M) True for the markers of each set.
+        least: (G,) markers of a set that must be measured there.
+        length: In frames.
+        rng: Where to.
+        margin: See ``MARGIN``.
+        measured: See there.
+        apart: Frames between two gaps in which nothing is hidden; None: a quarter of its length.
+
+    Returns:
+        Its first frame, the set, and (M,) the markers of the set that were measured there.
     """
-    copies: list[list[Gap]] = []
-    order = [wanted[i] for i in rng.permutation(len(wanted))] if rules.longest_first else list(wanted)
-    for group, length in sorted(order, key=lambda one: -one[1]) if rules.longest_first else order:
-        fresh = [None] if rules.copies is None or len(copies) < rules.copies else []
-        for gaps in [*copies, *fresh]:
-            gap = _place(seen, gaps or [], group, length, rng, rules)
-            if gap is not None:
-                if gaps is None:
-                    copies.append([gap])
-                else:
-                    gaps.append(gap)
-                break
-    for group, length in order if rules.twice else []:
-        for gaps in copies:
-            gap = _place(seen, gaps, group, length, rng, rules)
-            if gap is not None:
-                gaps.append(gap)
-                break
-    return [tuple(sorted(gaps, key=lambda gap: gap.start)) for gaps in copies]
-
-
-def _place(
-    seen: Mask, others: Sequence[Gap], group: Group, length: int, rng: np.random.Generator, rules: Rules
-) -> Gap | None:
-    """A gap apart from the others; None where there is no room."""
-    margin, window = rules.margin, length + 2 * rules.margin
+    window = length + 2 * margin
     starts = len(seen) - window + 1
     if starts < 1:
         return None
     count = np.cumsum(np.vstack([np.zeros((1, seen.shape[1]), dtype=int), seen]), axis=0)
     before, after = count[margin : margin + starts], count[margin + length : margin + length + starts]
     sides = before - count[:starts] + count[window:] - after
-    whole = (sides == 2 * margin) & (after - before >= rules.measured * length)  # by the first frame of the window
-    apart = rules.apart_frames + int(rules.apart_share * length)
+    whole = (sides == 2 * margin) & (after - before >= measured * length)  # by the first frame of the window
+    apart = length // 4 if apart is None else apart
     for other in others:
-        near = slice(
-            max(0, other.start - length - apart - margin + 1), max(0, other.start + other.length + apart - margin)
-        )
-        whole[near, :] &= False if rules.alone else ~other.hidden
-    which, start = np.nonzero((whole.astype(int) @ group.sets.T.astype(int) >= group.least).T)
+        first, last = other.start - length - apart - margin + 1, other.start + other.length + apart - margin
+        whole[max(0, first) : max(0, last)] = False
+    which, start = np.nonzero((whole.astype(int) @ sets.T.astype(int) >= least).T)
     if not len(start):
         return None
     i = int(rng.integers(len(start)))
-    measured = whole[start[i]] & group.sets[which[i]]
-    hidden = group.sets[which[i]] if group.hides == "all" else measured
-    if isinstance(group.hides, int):
-        hidden = np.isin(np.arange(seen.shape[1]), rng.choice(np.flatnonzero(measured), group.hides, False))
-    return Gap(kind=group.name, length=length, start=int(start[i]) + margin, hidden=hidden, scored=hidden & measured)
+    return int(start[i]) + margin, int(which[i]), whole[start[i]] & sets[which[i]]
 
 
 class _Recorded(Protocol):
@@ -224,33 +176,32 @@ class Hidden(Generic[Recorded]):
         return sum(gap.length == frames for gap in self.gaps)
 
 
-def hide_own(trial: MarkerTrial, rng: np.random.Generator, *, share: float = 0.1) -> Hidden[MarkerTrial]:
+def hide_own(trial: MarkerTrial, rng: np.random.Generator) -> Hidden[MarkerTrial]:
     """Hide gaps like the trial's own: all of its gaps, moved together in time to where their markers are seen.
 
     What is missing together stays together, for as many frames. Markers that go missing alike are one gap. Moves are
-    drawn until a share of the samples is hidden, or no place is left; a gap that falls where its markers are missing
+    drawn until a tenth of the samples is hidden, or no place is left; a gap that falls where its markers are missing
     for half of its frames, or in three frames beside it, is left out of that move.
 
     Args:
         trial: The trial.
         rng: Where to.
-        share: See above.
     """
     seen = trial.seen
     n_frames, n_markers = seen.shape
     own: dict[tuple[int, int], list[int]] = {}
     for marker, start, stop in unseen_runs(~interior_gaps(seen)):
         own.setdefault((start, stop), []).append(marker)
-    left, gaps, margin = np.array(seen), [], Rules().margin
+    left, gaps = np.array(seen), []
     for move in rng.permutation(np.arange(1, n_frames)) if own else ():
-        if (seen & ~left).sum() >= share * seen.sum():
+        if (seen & ~left).sum() >= 0.1 * seen.sum():
             break
         for (start, stop), markers in own.items():
             first, length = (start + int(move)) % n_frames, stop - start
-            beside = (slice(first - margin, first), slice(first + length, first + length + margin))
-            if first < margin or beside[1].stop > n_frames or not all(left[b][:, markers].all() for b in beside):
+            beside = (slice(first - MARGIN, first), slice(first + length, first + length + MARGIN))
+            if first < MARGIN or beside[1].stop > n_frames or not all(left[b][:, markers].all() for b in beside):
                 continue
-            shown = left[first : first + length, markers].mean(axis=0) >= Rules().measured
+            shown = left[first : first + length, markers].mean(axis=0) >= MEASURED
             if shown.any():
                 hidden = np.isin(np.arange(n_markers), np.array(markers)[shown])
                 gaps.append(Gap(kind="own", length=length, start=first, hidden=hidden, scored=hidden))
@@ -284,15 +235,19 @@ def hide_neighbours(trial: MarkerTrial, rng: np.random.Generator, *, turn: int |
     n_frames, n_markers = seen.shape
     xyz = np.where(np.asarray(seen.any(axis=1))[:, None, None], trial.xyz_m, 0.0)
     centred = trial.xyz_m - np.nanmean(xyz, axis=1, keepdims=True)
-    place = np.nansum(centred, axis=0) / np.maximum(seen.sum(axis=0), 1)[:, None]
-    near = np.argsort(np.linalg.norm(place[:, None] - place[None], axis=-1), axis=1)
-    groups, one = {}, np.ones(n_markers, dtype=np.int64)
+    middle = np.nansum(centred, axis=0) / np.maximum(seen.sum(axis=0), 1)[:, None]
+    near = np.argsort(np.linalg.norm(middle[:, None] - middle[None], axis=-1), axis=1)
+    groups = {}
     for size in (1, max(2, n_markers // 4), max(3, n_markers // 2), max(4, 3 * n_markers // 4)):
-        sets = np.zeros((n_markers, n_markers), dtype=bool)
-        np.put_along_axis(sets, near[:, :size], True, axis=1)
-        groups[size] = Group(name=f"{size} neighbours", sets=sets, least=one)
+        groups[size] = np.zeros((n_markers, n_markers), dtype=bool)
+        np.put_along_axis(groups[size], near[:, :size], True, axis=1)
     lengths = lengths_for(n_frames)
     first = (int(rng.integers(max(len(lengths), 1))) if turn is None else turn) % max(len(lengths), 1)
     order = [*lengths[::-1][first:], *lengths[::-1][:first]]
-    wanted = [(groups[int(size)], length) for size, length in product(rng.permutation(list(groups)), order)]
-    return Hidden(trial=trial, gaps=next(iter(hide(seen, wanted, rng, Rules())), ()))
+    gaps: list[Gap] = []
+    for size, length in product(rng.permutation(list(groups)), order):
+        found = place(seen, gaps, groups[int(size)], 1, length, rng)
+        if found is not None:
+            start, _, hidden = found
+            gaps.append(Gap(kind=f"{size} neighbours", length=length, start=start, hidden=hidden, scored=hidden))
+    return Hidden(trial=trial, gaps=tuple(sorted(gaps, key=lambda gap: gap.start)))

@@ -1,21 +1,18 @@
 """Tracking while a recording grows: each frame's markers, smoothed by the frames that have come since."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from mocap.filters.motion.base import Frame, MotionModel, Step
-from mocap.filters.observations import Observations, Sights
+from mocap.filters.observations import Observations
 from mocap.filters.observe import Observed
 from mocap.filters.track import filter_frame, smooth_back
 
 from eal.arrays import Array
 from eal.threads import one_blas_thread
-
-Look = Callable[[Array, Array], Sights]
-"""What one frame shows of markers predicted at (M, 3) with covariance (M, 3, 3)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,26 +44,10 @@ class _Kept(NamedTuple):
     frame: Frame
 
 
-@dataclass(frozen=True)
-class _Now:
-    """The one frame that is being looked at."""
-
-    look: Look
-    n_frames: int = 1
-
-    def sights(self, frame: int, mean: Array, cov: Array) -> Sights:  # noqa: ARG002
-        return self.look(mean, cov)
-
-
-def looks(observations: Observations, t_s: Array) -> Iterator[tuple[float, Look]]:
-    """Time and look of each frame of a recording, one after the other."""
-    for frame, time in enumerate(t_s):
-        yield float(time), lambda mean, cov, frame=frame: observations.sights(frame, mean, cov)
-
-
 def live(
     model: MotionModel,
-    frames: Iterable[tuple[float, Look]],
+    observations: Observations,
+    t_s: Iterable[float],
     *,
     lag: int,
     every: int = 1,
@@ -85,7 +66,8 @@ def live(
 
     Args:
         model: Motion model.
-        frames: Time and look of each frame as they come; may wait between them.
+        observations: What each frame shows, asked for when its time has come.
+        t_s: Time of each frame as they come; may wait between them.
         lag: Least number of later frames that an estimate rests on (but at the end).
         every: Number of frames that are smoothed back together.
         gate_sd: Groups further off are not believed (``gate_groups``).
@@ -97,7 +79,7 @@ def live(
         raise ValueError(f"lag must be 0 or more and every 1 or more, but they are {lag} and {every}")
     kept: deque[_Kept] = deque()
     state, step, last_s = model.initial(), None, -np.inf
-    for frame, (time, look) in enumerate(frames):
+    for frame, time in enumerate(map(float, t_s)):
         with one_blas_thread():
             if frame:
                 dt = round(time - last_s, 12)
@@ -105,7 +87,7 @@ def live(
                     raise ValueError(f"times must increase, but frame {frame} at {time} s follows one at {last_s} s")
                 step = Step(frame, dt)
             last_s = time
-            filtered = filter_frame(model, _Now(look), frame, state, step, gate_sd)
+            filtered = filter_frame(model, observations, frame, state, step, gate_sd)
             state = filtered.state
             kept.append(_Kept(frame, time, filtered))
             done = _smoothed(model, kept, every) if len(kept) == lag + every else []

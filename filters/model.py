@@ -6,7 +6,7 @@ from functools import partial
 from itertools import chain, islice
 
 import numpy as np
-from mocap.filters.anatomy import anatomy_of
+from mocap.filters.anatomy import Anatomy, anatomy_of
 from mocap.filters.errors import FilterError
 from mocap.filters.hidden_gaps import (
     EACH_MARKER,
@@ -14,10 +14,8 @@ from mocap.filters.hidden_gaps import (
     USUAL_EFFORT,
     Effort,
     HiddenGaps,
-    Mixed,
     gaps_like_own,
     hidden_gaps,
-    mixed,
     own_gaps,
 )
 from mocap.filters.hide import gap_lengths, nearest_length
@@ -64,6 +62,10 @@ class LearnedModel:
         """Time step."""
         return self.trials[0].dt_s
 
+    def anatomy(self, names: Sequence[str]) -> Anatomy:
+        """What is known of an animal with such markers."""
+        return anatomy_of(names, self.trunk, self.bones, bodies=self.bodies)
+
 
 def learn_model(
     names: Sequence[str],
@@ -104,25 +106,18 @@ def learn_model(
             "ten others; give longer or more complete trials"
         )
     tell("settings are learned from all recordings")
-    found = mixed(gaps, [model.tuned(every) for model in models], call_all)
-    return replace(_learned(found, names, trunk, trials, bones), bodies=tuple(map(tuple, bodies)))
-
-
-def _learned(
-    found: Mixed,
-    names: Sequence[str],
-    trunk: Sequence[str],
-    trials: Sequence[MarkerTrial],
-    bones: Sequence[tuple[str, str]],
-) -> LearnedModel:
+    tuned = tuple(model.tuned(every) for model in models)
+    residuals = gaps.fill(tuned, call_all)
+    mixture = learn_mixture(residuals)
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
         bones=tuple(bones),
+        bodies=tuple(map(tuple, bodies)),
         trials=tuple(trials),
-        models=found.models,
-        mixture=found.mixture,
-        scores=scores_of(found),
+        models=tuned,
+        mixture=mixture,
+        scores=scores_of(tuned, residuals, crossed(residuals) or mixed_residuals(mixture, residuals)),
     )
 
 
@@ -213,7 +208,7 @@ def track_alone(
     gaps = gaps_like_own(trials, times=2, seed=seed)
     if not gaps.hidden:
         return None
-    models, more = models_alone(settings, trials), [*(compared or {}).values()]
+    models, more = [EACH_MARKER, settings.tuned(trials)], [*(compared or {}).values()]
     every, (found,) = _estimates(
         models, trials, observations, [(gaps, [*models, *more])], rate_points, progress, call_all
     )
@@ -225,11 +220,6 @@ def track_alone(
     left_out = crossed(residuals[: len(models)])
     scored |= {} if left_out is None else {"mixture": left_out}
     return replace(track, scores=gaps.curves() | {name: part.score() for name, part in scored.items()})
-
-
-def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
-    """What ``track_alone`` mixes."""
-    return [EACH_MARKER, settings.tuned(trials)]
 
 
 def check_rates(trials: Sequence[MarkerTrial]) -> None:
@@ -245,10 +235,11 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
         raise FilterError(f"trials of one model must share a frame rate, but have frames a second: {listed}")
 
 
-def scores_of(found: Mixed) -> dict[str, dict[str, list[float]]]:
+def scores_of(
+    models: Sequence[TrajectoryModel], residuals: Sequence[Residuals], mixed: Residuals
+) -> dict[str, dict[str, list[float]]]:
     """Errors and coverage of each model and of the mixture on what was hidden, by length of gap."""
-    mixed = crossed(found.residuals) or mixed_residuals(found.mixture, found.residuals)
-    named = [(model.description, part) for model, part in zip(found.models, found.residuals, strict=True)]
+    named = [(model.description, part) for model, part in zip(models, residuals, strict=True)]
     out = {}
     for name, part in [*named, ("mixture", mixed)]:
         rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": [], "z": []}
@@ -332,16 +323,12 @@ def trials_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTri
         FilterError: another frame rate, or other markers.
     """
     check_rates([*learned.trials, recording])
-    return _trial_set(learned, names, [*for_recording(learned, names, recording), recording])
+    return TrialSet([*for_recording(learned, names, recording), recording], learned.anatomy(names))
 
 
 def own_trials(learned: LearnedModel) -> TrialSet:
     """The model's trials alone, to look at what its models learn from them."""
-    return _trial_set(learned, learned.names, learned.trials)
-
-
-def _trial_set(learned: LearnedModel, names: Sequence[str], trials: Sequence[MarkerTrial]) -> TrialSet:
-    return TrialSet(trials, anatomy_of(names, learned.trunk, learned.bones, bodies=learned.bodies))
+    return TrialSet(learned.trials, learned.anatomy(learned.names))
 
 
 def track_with(

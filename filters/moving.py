@@ -158,13 +158,8 @@ def between(anchors_of: Mapping[int, Array], shape: tuple[int, ...]) -> Array:
     frames = sorted(anchors_of)
     if not frames:
         return np.full(shape, 1.0)
-    anchors = np.array([anchors_of[f] for f in frames])
-    at = np.clip(np.searchsorted(frames, np.arange(shape[0]), side="right") - 1, 0, len(frames) - 1)
-    after = np.minimum(at + 1, len(frames) - 1)
-    place = np.array(frames, dtype=float)
-    width = np.maximum(place[after] - place[at], 1.0)
-    share = np.clip((np.arange(shape[0]) - place[at]) / width, 0.0, 1.0)[:, None, None]
-    return (1 - share) * anchors[at] + share * anchors[after]
+    anchors = np.array([anchors_of[f] for f in frames]).reshape(len(frames), -1)
+    return np.stack([np.interp(np.arange(shape[0]), frames, one) for one in anchors.T], axis=1).reshape(shape)
 
 
 def rate_points_of(names: Sequence[str], rate_points: RatePoints) -> RatePoints:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from mocap.filters.pose_prior import PosePrior
 from mocap.filters.trajectory import Quadratic
+from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -237,12 +238,7 @@ def turned(turns: Array) -> tuple[Array, Array]:
 
     The inverse right Jacobian of rotations (Chirikjian 2012, equation 10.86), and minus its transpose.
     """
-    angle = np.linalg.norm(turns, axis=-1)[..., None, None]
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    second = np.where(small, 1 / 12, 1 / safe**2 - 1 / (2 * safe * np.tan(safe / 2)))
-    cross = skew(turns)
-    ahead = np.eye(3) + 0.5 * cross + second * (cross @ cross)
+    ahead = np.linalg.inv(left_jacobian(-turns))
     return ahead, -np.swapaxes(ahead, -1, -2)
 
 

@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from mocap.filters.bones import rigid_bones
+from mocap.filters.bones import LEAST, log_distances, rigid_bones, sized_like
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
 from mocap.filters.motion.bones import Bones
 from mocap.filters.poses import LEAST_KNOWN, MATERN_3_2_HALF, MarkerTrial, poses_of
-from mocap.filters.size import LEAST, log_distances, sized_like
 from mocap.filters.subspace import principal_components, structure
 from mocap.filters.whittaker import fastest_hz, smooth_series
 from scipy.ndimage import uniform_filter1d
@@ -24,59 +23,43 @@ LEAST_MARKERS = 4
 three rays leave up to four poses (Grunert 1841)."""
 
 
-class Hold(Protocol):
-    """A potential of shapes: -log of a density of one frame's pose."""
-
-    def value(self, z: Array) -> Array:
-        """(S, r) to (S,)."""
-        ...
-
-    def gradient(self, z: Array) -> Array:
-        """(S, r) to (S, r)."""
-        ...
-
-    def hessian(self, z: Array) -> Array:
-        """(S, r) to (S, r, r); negative eigenvalues included."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Barrier:
-    """Weight times -log(1 - V_z)."""
+    """Weight times -log(1 - V_z): -log of a density of one frame's pose."""
 
     potential: EmpiricalPotential
     weight: float
 
     def value(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S,)."""
         return self.weight * self.potential.barrier_value(z)
 
     def gradient(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r)."""
         return self.weight * self.potential.barrier_gradient(z)
 
     def hessian(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r, r); negative eigenvalues included."""
         return self.weight * self.potential.barrier_hessian(z)
 
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """Half of the squared Mahalanobis distance: the Gaussian of the same poses."""
+    """Half of the squared Mahalanobis distance: the Gaussian of the same poses, as ``Barrier``."""
 
     mean: Array
     precision: Array
 
     def value(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S,)."""
         return 0.5 * np.einsum("si,ij,sj->s", z - self.mean, self.precision, z - self.mean)
 
     def gradient(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r)."""
         return (z - self.mean) @ self.precision
 
     def hessian(self, z: Array) -> Array:
-        """See ``Hold``."""
+        """(S, r) to (S, r, r)."""
         return np.broadcast_to(self.precision, (len(z), *self.precision.shape))
 
 
@@ -113,7 +96,7 @@ class PosePrior:
     constant: Array
     shape_noise: Array
     step: Array
-    hold: Hold
+    hold: Barrier | Quadratic
     body_noise: Array
     body_step: Array
     left_sd: Array
@@ -270,11 +253,11 @@ def size_spread(trials: Sequence[MarkerTrial]) -> float:
     """Deviation of the logarithm of an animal's size in a trial to come, by the bones that trials keep.
 
     A trial's size is the median over bones of how much longer they are in it than in all: markers that are placed
-    elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals (``size.LEAST``),
+    elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals (``bones.LEAST``),
     which counts as one more trial.
     """
     ends = rigid_bones(trials).ends
-    sizes = np.array([log_distances(trial.xyz_m, ends.T)[0] for trial in trials])
+    sizes = np.array([log_distances(trial, ends)[0] for trial in trials])
     kept = np.isfinite(sizes).all(axis=0)
     if not kept.any():
         return LEAST

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 INDEPENDENT = 0.1
-"""Neighbouring frames err alike: each counts as so many independent ones. Chosen, not measured."""
+"""Neighbouring frames err alike, lengths too: each counts as so many independent ones. Chosen, not measured."""
 FEWEST_FRAMES = round(2 / INDEPENDENT)
 """Two independent ones, which have a variance: of fewer nothing is learned of lengths and directions."""
 

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eal.arrays import LARGEST
 from mocap.errors import FormatError
 
-LARGEST = 1e19
-"""No number of a record is larger."""
 POSITIVE = np.nextafter(0.0, 1.0)
 """``least`` of what must be above 0."""
 _CONTROLS = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")

@@ -16,6 +16,10 @@ sys.path.insert(0, str(ROOT))  # `tests.reference` and `tests.real_data`, howeve
 os.environ.setdefault("MOCAP_JOBS", "1")  # tests run side by side already
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # processes that tests start would each compile all of mocap again
 sys.dont_write_bytecode = False
+# what JAX compiled in an earlier run is read; a folder a worker, as it writes files without a lock
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "alone")
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(ROOT / ".pytest_cache" / "jax" / WORKER))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 settings.register_profile(
     "project", deadline=None, derandomize=True, max_examples=40, suppress_health_check=[HealthCheck.too_slow]
 )

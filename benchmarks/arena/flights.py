@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 import mocap
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear
-from mocap.pipeline.cleaning import with_ideal_pixels
 from mocap.pipeline.recording import Recording
 
 FOLDER = "bat_arena_two_digitisers"
@@ -27,7 +26,6 @@ class Flight:
     Attributes:
         name: Of the flight.
         recording: The network's files with calibration, lens and crop offsets.
-        filmed: The same, read: pixels in the whole picture, cameras.
         likelihood: (C, T, M) the network's own likelihood of each click.
         people: The two projects of the people, as recordings.
         people_px: (2, C, T, M, 2) their ideal pixels; NaN where they did not click.
@@ -36,7 +34,6 @@ class Flight:
 
     name: str
     recording: Recording
-    filmed: Recording
     likelihood: Array
     people: tuple[Recording, Recording]
     people_px: Array
@@ -76,22 +73,19 @@ def _flight(folder: Path, views: Path) -> Flight:
     }
     by_camera = sorted(views.glob("*.csv"), key=lambda path: path.name[path.name.index("Cam") :])
     recording = mocap.read(by_camera, **rig)
-    filmed = with_ideal_pixels(recording, find_unit=False)
     people = tuple(
         mocap.read(next((folder / f"validation_files_{n}").glob(f"{views.name}_*.mat")), **rig) for n in (1, 2)
     )
-    clicks = [with_ideal_pixels(person, find_unit=False) for person in people]
-    people_px = np.full((2, *filmed.ideal_px.shape), np.nan)
-    for person, found in enumerate(clicks):
+    people_px = np.full((2, *recording.ideal_px.shape), np.nan)
+    for person, found in enumerate(people):
         row = np.rint(found.t_s * FPS).astype(np.int64)
         people_px[person][:, row] = found.ideal_px
     score = recording.score
     return Flight(
         name=views.name,
         recording=recording,
-        filmed=filmed,
-        likelihood=np.ones(filmed.ideal_px.shape[:3]) if score is None else score,
+        likelihood=np.ones(recording.ideal_px.shape[:3]) if score is None else score,
         people=people,  # type: ignore[arg-type]
         people_px=people_px,
-        people_m=np.stack([linear(filmed.matrices, px) for px in people_px]),
+        people_m=np.stack([linear(recording.matrices, px) for px in people_px]),
     )

@@ -76,7 +76,7 @@ class Names:
 
 def names(flight: Flight, outcome: Outcome) -> Names:
     """How a method dealt with exchanged names."""
-    truth, at = flight.truth_m, project(flight.filmed.matrices, flight.truth_m)
+    truth, at = flight.truth_m, project(flight.recording.matrices, flight.truth_m)
     total = Names()
     for left, right in PAIRS:
         known = np.isfinite(truth[:, [left, right], 0]).all(axis=1)
@@ -103,7 +103,7 @@ def names(flight: Flight, outcome: Outcome) -> Names:
 
 
 def _views(flight: Flight, at: Array) -> list[tuple[Array, Array]]:
-    return list(zip(flight.filmed.ideal_px, at, strict=True))
+    return list(zip(flight.recording.ideal_px, at, strict=True))
 
 
 def _crossed(both: Array, truth: Array) -> Array:

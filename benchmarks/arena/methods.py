@@ -37,17 +37,17 @@ class Outcome:
 
 def believed(flight: Flight) -> Array:
     """(C, T, M, 2) ideal pixels of clicks with a likelihood of at least ``LEAST``."""
-    return np.where((flight.likelihood < LEAST)[..., None], np.nan, flight.filmed.ideal_px)
+    return np.where((flight.likelihood < LEAST)[..., None], np.nan, flight.recording.ideal_px)
 
 
 def triangulation(flight: Flight) -> Outcome:
     """Linear triangulation of the believed clicks, nothing else."""
-    return Outcome(xyz_m=linear(flight.filmed.matrices, believed(flight)))
+    return Outcome(xyz_m=linear(flight.recording.matrices, believed(flight)))
 
 
 def as_counted(flight: Flight) -> Outcome:
     """The same with pixels as DeepLabCut counts them, from 0, where the calibration counts from 1."""
-    return Outcome(xyz_m=linear(flight.filmed.matrices, believed(flight) - 1.0))
+    return Outcome(xyz_m=linear(flight.recording.matrices, believed(flight) - 1.0))
 
 
 def butterworth(flight: Flight) -> Outcome:
@@ -79,7 +79,7 @@ def authors(flight: Flight, *, penalty_px: float = 2.0) -> Outcome:
     likelihood is bad and two of the three are good; then outliers from a running median go, and a low pass follows.
     """
     uv, likelihood = believed(flight), np.where(flight.likelihood < LEAST, np.nan, flight.likelihood)
-    matrices = flight.filmed.matrices
+    matrices = flight.recording.matrices
     xyz = linear(matrices, uv)
     residual, sure = residual_px(matrices, uv, xyz), _mean(likelihood)
     for left, right in PAIRS:

@@ -21,9 +21,9 @@ SMOOTH = 4.0
 def rays_of(flight: Flight) -> Rays:
     """The believed clicks, and where those that agree meet."""
     uv = believed(flight)
-    found = robust(flight.filmed.matrices, uv)
+    found = robust(flight.recording.matrices, uv)
     return Rays(
-        matrices=flight.filmed.matrices,
+        matrices=flight.recording.matrices,
         uv_px=uv,
         sd_px=np.full(uv.shape[:3], found.sd_px),
         xyz_m=found.xyz_m,

@@ -5,8 +5,10 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.gaps.method import Film, Trial
+from mocap.cameras.origin import PixelOptions
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import Recording, of_pixels, of_points
+from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.pipeline.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton
 
@@ -25,8 +27,8 @@ def tracks_of(trial: Trial) -> MarkerTracks:
 
 def prepared_film(film: Film, skeleton: Skeleton, *, name: str) -> Recording:
     """Pixels as the product prepares them where the user states the corner that rows are counted from."""
-    stated = {"pixel_origin": film.pixel_origin, "calibration_origin": film.calibration_origin}
-    return clean(of_pixels(film.pixels, film.cameras, skeleton, name=name, **stated))
+    options = PixelOptions(origin=film.pixel_origin, calibration_origin=film.calibration_origin)
+    return clean(of_pixels(film.pixels, film.cameras, skeleton, name=name, options=options))
 
 
 @lru_cache(maxsize=64)

@@ -59,7 +59,7 @@ from mocap.io.dvproject import read_project
 from mocap.io.optical_csv import read_vicon
 from mocap.io.qualisys import read_mat, read_tsv
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.records import Status
 from mocap.skeleton import Skeleton
 

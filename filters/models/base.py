@@ -10,14 +10,13 @@ from functools import cached_property, partial
 from typing import Any
 
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.bones import rigid_bones
+from mocap.filters.bones import rigid_bones, sized_like
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.bones import Bones
 from mocap.filters.observations import Observations, WithBodies
 from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from mocap.filters.records import Estimate
 from mocap.filters.rigid import Completed, completed, find_bodies
-from mocap.filters.size import sized_like
 from mocap.filters.track import smooth
 from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray

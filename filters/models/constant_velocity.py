@@ -1,11 +1,11 @@
-"""Constant velocity of each marker by itself, with the acceleration that recordings show."""
+"""Each marker by itself, at constant velocity or with an acceleration that lasts, as recordings show them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.motion.constant_velocity import ConstantVelocity, LastingAcceleration
 from mocap.filters.subspace import bridge
 from mocap.filters.whittaker import fastest_hz, smooth_series
 
@@ -31,13 +31,29 @@ class MarkerSettings(TrajectoryModel):
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn how each marker accelerates in all trials."""
         *others, last = trials.trials
-        return FittedMotion(
-            learn_constant_velocity(
-                last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others], settings=self
-            ),
-            last.t_s,
-            trials.rigid,
-        )
+        shown = [trial.xyz_m for trial in others]
+        model = learn_constant_velocity(last.xyz_m, dt_s=last.dt_s, others=shown, settings=self)
+        return FittedMotion(model, last.t_s, trials.rigid)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LastingSettings(TrajectoryModel):
+    """Lasting accelerations, each marker for itself.
+
+    An acceleration lasts for sd(velocity) / sd(acceleration): of an oscillation, for a radian.
+    docs/experiments/lasting_acceleration.md.
+    """
+
+    @property
+    def description(self) -> str:
+        """Its name."""
+        return "lasting acceleration"
+
+    def fit(self, trials: TrialSet) -> FittedMotion:
+        """Learn how each marker moves and accelerates in all trials."""
+        *others, last = trials.trials
+        model = learn_lasting(last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others])
+        return FittedMotion(model, last.t_s, trials.rigid)
 
 
 def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
@@ -101,19 +117,46 @@ def learn_constant_velocity(
             taken: one short recording may show it at rest (docs/experiments/marker_noise.md).
         settings: Choices.
     """
-    seen = np.isfinite(xyz_m[..., 0])
-    start = xyz_m[np.argmax(seen, axis=0), np.arange(xyz_m.shape[1])]
-    start = np.where(np.isfinite(start), start, np.nanmean(xyz_m.reshape(-1, 3), axis=0))
-    shown = np.log([marker_density(xyz, dt_s=dt_s) for xyz in (*others, xyz_m)])
-    density = np.exp(np.ma.masked_invalid(shown).mean(axis=0).filled(np.nan))
+    start, extent = _start(xyz_m)
+    density = _usual(marker_density, (*others, xyz_m), dt_s)
     speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / dt_s
     speed_sd = float(np.sqrt(np.mean(speed[np.isfinite(speed)] ** 2))) if np.isfinite(speed).any() else 1.0
-    extent = float(np.sqrt(np.mean(np.nanvar(xyz_m.reshape(-1, 3), axis=0))))
-    if np.isfinite(density).any():
-        density = np.where(np.isfinite(density), density, np.nanmedian(density))
-    else:
-        density = np.full(len(density), max(speed_sd, 1e-3) ** 2 / dt_s)
+    usual = np.nanmedian(density) if np.isfinite(density).any() else max(speed_sd, 1e-3) ** 2 / dt_s
+    density = np.where(np.isfinite(density), density, usual)
     density = np.maximum(settings.acceleration * density, 1e-9)  # m^2/s^3: one that never moves has a covariance, too
-    return ConstantVelocity(
-        start_m=start, start_sd_m=max(extent, 1e-3), speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density
+    return ConstantVelocity(start_m=start, start_sd_m=extent, speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density)
+
+
+def learn_lasting(xyz_m: Array, *, dt_s: float, others: Sequence[Array] = ()) -> LastingAcceleration:
+    """Of each marker's deviations of velocity and acceleration the geometric mean over all recordings is taken.
+
+    Args:
+        xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
+        dt_s: Time step.
+        others: Other recordings of the same markers and rate.
+    """
+    start, extent = _start(xyz_m)
+    mean = _usual(marker_motion, (*others, xyz_m), dt_s)
+    usual = np.nanmedian(mean, axis=0) if np.isfinite(mean).any() else np.array([1.0, 1.0 / dt_s])
+    velocity, acceleration = np.maximum(np.where(np.isfinite(mean), mean, usual), 1e-6).T
+    return LastingAcceleration(
+        start_m=start,
+        start_sd_m=extent,
+        speed_sd_m_s=2 * max(float(np.sqrt(np.mean(velocity**2))), 1e-3),
+        acceleration_m_s2=acceleration,
+        memory_s=max(float(np.median(velocity / acceleration)), dt_s),
     )
+
+
+def _start(xyz_m: Array) -> tuple[Array, float]:
+    """(M, 3) first positions, amid the others of markers that are never seen; and the deviation of a coordinate."""
+    every = xyz_m.reshape(-1, 3)
+    start = xyz_m[np.argmax(np.isfinite(xyz_m[..., 0]), axis=0), np.arange(xyz_m.shape[1])]
+    start = np.where(np.isfinite(start), start, np.nanmean(every, axis=0))
+    return start, max(float(np.sqrt(np.mean(np.nanvar(every, axis=0)))), 1e-3)
+
+
+def _usual(shown: Callable[..., Array], recordings: Sequence[Array], dt_s: float) -> Array:
+    """The geometric mean over recordings of what they show; NaN where none does."""
+    logs = np.log([shown(xyz, dt_s=dt_s) for xyz in recordings])
+    return np.exp(np.ma.masked_invalid(logs).mean(axis=0).filled(np.nan))

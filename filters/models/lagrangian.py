@@ -6,11 +6,11 @@ import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.animal import Animal, Valley
 from mocap.filters.bodies import Bodies, cloud, rod, rod_masses
-from mocap.filters.mechanics import Motion, unexplained
 from mocap.filters.models.pose import PoseSettings, unseen_potential
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.lagrangian import LagrangianMotion
 from mocap.filters.motion.potential import PosePotential
+from mocap.filters.motion.shape import Motion, unexplained
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF
 from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov

@@ -9,14 +9,13 @@ import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
 from mocap.filters.groups import MOST, groups_of, part_of
-from mocap.filters.mechanics import Motion, joined, linear_shape
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
 from mocap.filters.motion.potential import PosePotential, Pull
-from mocap.filters.motion.shape import LinearShape
+from mocap.filters.motion.shape import LinearShape, Motion, joined, linear_shape
 from mocap.filters.observations import Observations, PositionObservations, some_markers
 from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, radian, residual_memory_s, shapes_of
 from mocap.filters.roughness import marker_rates, out_of_sample

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings
 from mocap.filters.models.base import TrajectoryModel
-from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.models.singer import LastingSettings
 
 from eal.plugins import offered
 

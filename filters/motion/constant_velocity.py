@@ -1,4 +1,4 @@
-"""Each marker for itself: constant velocity, driven by white noise acceleration."""
+"""Each marker for itself, driven by accelerations that are white, or that last (Singer 1970)."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, View
 from mocap.filters.motion.base import MotionModel, Step, Steps
+from mocap.filters.motion.shape import driven
 
 from eal.arrays import Array
 
@@ -105,3 +106,45 @@ class ConstantVelocity(MarkerMotion):
         l11, l21, l22 = white_acceleration(self.density, dt_s)
         noise = np.array([[l11**2, l11 * l21], [l11 * l21, l21**2 + l22**2]])
         return np.array([[1.0, dt_s], [0.0, 1.0]]), np.moveaxis(noise, 2, 0)
+
+
+def lasting_acceleration(memory_s: float, dt_s: float) -> tuple[Array, Array]:
+    """One step of [position, velocity, acceleration] whose acceleration forgets itself in a time tau.
+
+    a' = -a / tau + sqrt(2 / tau) w, w white noise of unit density: the acceleration has the variance 1 and the
+    correlation exp(-|t| / tau). Short tau: constant velocity; long tau: constant acceleration.
+    Source: Singer 1970, IEEE Transactions on Aerospace and Electronic Systems 6, 473.
+
+    Args:
+        memory_s: tau.
+        dt_s: Length of the step.
+
+    Returns:
+        (3, 3) transition, and (3, 3) covariance of the noise.
+    """
+    flow = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / memory_s]])
+    return driven(flow, np.diag([0.0, 0.0, 2.0 / memory_s]), dt_s, memory_s)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LastingAcceleration(MarkerMotion):
+    """State [position (3), velocity (3), acceleration (3)] in the world, of each marker by itself.
+
+    Attributes:
+        acceleration_m_s2: (M,) standard deviation of a component of each marker's acceleration.
+        memory_s: How long an acceleration lasts (``lasting_acceleration``).
+    """
+
+    acceleration_m_s2: Array
+    memory_s: float
+    name: str = "lasting_acceleration"
+
+    @property
+    def start_sd(self) -> Array:
+        """(M, 3)."""
+        return np.column_stack(np.broadcast_arrays(self.start_sd_m, self.speed_sd_m_s, self.acceleration_m_s2))
+
+    def step(self, dt_s: float) -> tuple[Array, Array]:
+        """Noise drives the accelerations."""
+        chain, noise = lasting_acceleration(self.memory_s, dt_s)
+        return chain, noise * (self.acceleration_m_s2**2)[:, None, None]

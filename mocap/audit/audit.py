@@ -1,6 +1,7 @@
 """The whole audit of a recording."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mocap.audit.samples import jump_findings, pixel_findings, point_findings, s
 from mocap.audit.stored import stored_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.origin import OriginOptions, PixelOrigin, decide_origin
+from mocap.cameras.origin import PixelOptions, PixelOrigin, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 from mocap.findings import Finding, alarms
@@ -83,14 +84,14 @@ def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:
     return len(pixels.cameras) == len(cameras) > 1 and bool((pixels.seen.sum(axis=0) >= 2).any())
 
 
-def audit_recording(recording: FileContents, origin: OriginOptions = OriginOptions()) -> list[Finding]:  # noqa: B008
+def audit_recording(recording: FileContents, options: PixelOptions = PixelOptions()) -> list[Finding]:  # noqa: B008
     """All checks of a file, or of files that belong together; alarms first.
 
     Lengths are judged only where their unit is known.
 
     Args:
         recording: The file's contents.
-        origin: What the user states about corners and image height, as ``mocap track`` takes it.
+        options: What the user states about corners and image height, as ``mocap track`` takes it.
     """
     pixels, points, cameras = recording.pixels, recording.points, recording.cameras
     if pixels is None or not cameras or not _meet(pixels, cameras):
@@ -101,14 +102,7 @@ def audit_recording(recording: FileContents, origin: OriginOptions = OriginOptio
             found += jump_findings(points.xyz_m, points.t_s, points.names, timed=recording.fps is not None)
         return sorted(found, key=lambda f: not f.alarm)
     try:
-        decision = decide_origin(
-            cameras,
-            pixels.uv_px,
-            origin=origin.origin,
-            coefficients=origin.calibration_origin,
-            height_px=origin.image_height_px,
-            usual=recording.pixel_origin,
-        )
+        decision = decide_origin(cameras, pixels.uv_px, replace(options, usual=recording.pixel_origin))
     except ArrangementError as error:
         arrangement = error.arrangement
         numbers = {"residual_px": arrangement.residual_px, "undone_px": arrangement.undone_px}

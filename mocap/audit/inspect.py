@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap.audit import audit_recording
 from mocap.cameras.camera import check_cameras, stacked, undistorted
-from mocap.cameras.origin import OriginOptions, decide_origin
+from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.contents import FileContents, summary
 from mocap.io.format import Hints
@@ -27,7 +27,7 @@ def inspect(
     *,
     fps: float | None = None,
     unit: str | None = None,
-    origin: OriginOptions | None = None,
+    origin: PixelOptions | None = None,
 ) -> list[dict[str, Any]]:
     """A summary of each file, with the findings of its reader and of the audit.
 
@@ -37,7 +37,7 @@ def inspect(
     pixels and coefficients.
     """
     found, recordings = [], []
-    corners = origin or OriginOptions()
+    corners = origin or PixelOptions()
     for path in files:
         name = None
         try:
@@ -64,7 +64,7 @@ def inspect(
     return found
 
 
-def _audited(found: dict[str, Any], recording: FileContents, corners: OriginOptions) -> dict[str, Any]:
+def _audited(found: dict[str, Any], recording: FileContents, corners: PixelOptions) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
     refused = False
     try:
@@ -85,7 +85,7 @@ def _audited(found: dict[str, Any], recording: FileContents, corners: OriginOpti
     return found
 
 
-def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners: OriginOptions) -> None:
+def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners: PixelOptions) -> None:
     if (compared := _two_calibrations(recordings)) is not None:
         found["findings"].append(compared)
         return
@@ -136,7 +136,7 @@ def _two_calibrations(recordings: Sequence[FileContents]) -> str | None:
     fits = []
     for cameras in (filmed.cameras, rig.cameras):
         try:
-            decision = decide_origin(cameras, filmed.pixels.uv_px, usual=filmed.pixel_origin)
+            decision = decide_origin(cameras, filmed.pixels.uv_px, PixelOptions(usual=filmed.pixel_origin))
             fits.append(f"{decision.residual_px:.2f} px")
         except CalibrationError as error:
             fits.append(f"none ({error})")

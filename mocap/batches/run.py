@@ -4,8 +4,9 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from threading import Lock
@@ -40,6 +41,7 @@ from mocap.io.output import result_file
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import MODELS, existing_model
 from mocap.pipeline.learning import Model, learn_from
+from mocap.pipeline.reading import of_session
 from mocap.pipeline.recording import Recording
 from mocap.results.tracked import Tracked, load
 from mocap.schema import Entry, checked
@@ -475,13 +477,16 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
 
 def _sources(trials: Sequence[Trial], used: list[str], left_out: dict[str, str]) -> Iterator[Recording]:
     """Those that can be read, one after the other; their names are added to ``used``, reasons to ``left_out``."""
-    for trial in trials:
+
+    def cleaned(trial: Trial, **corners: str) -> Recording | None:
         try:
-            recording = trial.recording().without_needless_calibration()
-            with suppress(OriginError):  # the others may tell which corner pixels are counted from
-                recording = clean(recording)
-            used.append(trial.name)
+            recording = clean(trial.recording(**corners).without_needless_calibration())
+        except OriginError:  # the others may tell
+            raise
         except MocapError as error:
             left_out[trial.name] = " ".join(str(error).split())
-            continue
-        yield recording
+            return None
+        used.append(trial.name)
+        return recording
+
+    return of_session(partial(cleaned, trial) for trial in trials)

@@ -72,13 +72,16 @@ class Trial:
     animal: str = ""
     skip: str = ""
 
-    def recording(self) -> Recording:
+    def recording(self, **more: Any) -> Recording:
         """Its files, read as ``mocap track`` reads them.
+
+        Args:
+            **more: Further arguments of ``mocap.read``.
 
         Raises:
             MocapError: they cannot be read.
         """
-        return read(list(self.paths), **self.arguments)
+        return read(list(self.paths), **{**self.arguments, **more})
 
 
 def some(names: Sequence[str]) -> str:

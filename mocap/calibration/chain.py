@@ -8,11 +8,9 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.calibration.scene import turned_rad
+from mocap.cameras.arrangement import FEWEST_SHARED
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-
-FEWEST_POINTS = 8
-"""Five determine an essential matrix (Nister 2004), three more tell whether they agree on it. Chosen."""
 
 
 def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tuple[list[Array], Array]:
@@ -40,12 +38,12 @@ def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tupl
         pair
         for i in range(n)
         for j in range(i + 1, n)
-        if np.count_nonzero(seen[i] & seen[j]) >= FEWEST_POINTS
+        if np.count_nonzero(seen[i] & seen[j]) >= FEWEST_SHARED
         and (pair := _pair(xy, seen[i] & seen[j], i, j, 5 / min(f_px[i], f_px[j]))) is not None
     ]
     if not tries:
         raise CalibrationError(
-            f"no two cameras share {FEWEST_POINTS} points that determine their relative position: film the wand "
+            f"no two cameras share {FEWEST_SHARED} points that determine their relative position: film the wand "
             "where views overlap"
         )
     _, i, j, T = max(tries, key=lambda t: t[0])
@@ -70,7 +68,7 @@ def _pair(xy: Array, both: NDArray[np.bool_], i: int, j: int, near: float) -> tu
     if essential is None or essential.shape != (3, 3):
         return None
     count, rotation, shift, kept, _ = cv2.recoverPose(essential, a, b, np.eye(3), distanceThresh=1e6, mask=inlier)
-    if count < FEWEST_POINTS:
+    if count < FEWEST_SHARED:
         return None
     good = np.ravel(kept) > 0
     rays = np.concatenate([a, np.ones((len(a), 1))], axis=1), np.concatenate([b, np.ones((len(b), 1))], axis=1)

@@ -26,7 +26,7 @@ from mocap.cameras.lens import Lens
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
 
-FEWEST_WANDS = 10  # two points each: more than the 8 of ``chain``; chosen
+FEWEST_WANDS = 10  # two points each: more than ``FEWEST_SHARED``; chosen
 MOVES = ("none", "focal", "focal+centre", "lens")
 """What of a lens may move: nothing, its focal length, the principal point too, the first two distortion terms too."""
 

@@ -24,7 +24,8 @@ BETTER = 3.0
 """A residual falls at least by that factor where the right change is undone, and not by that for any other change.
 Chosen: with it all planted changes are named and no clean recording (docs/experiments/audit_measured.md)."""
 FEWEST_SHARED = 8
-"""Points that two cameras share at least if one is judged by the other: as many as calibrate one to another."""
+"""Points that two cameras share at least if one is judged by or calibrated to the other: five determine an essential
+matrix (Nister 2004), three more tell whether they agree on it. Chosen."""
 MIRRORS = ("u", "v", "uv")
 SHIFTS = ("+H", "-H", "+W", "-W")
 
@@ -114,11 +115,12 @@ def find_arrangement(cameras: Sequence[Camera], uv_px: Array, *, height_px: floa
     if not found:
         return None
     worst = max(found, key=lambda one: one.residual_px)
+    swapped = {view: camera for one in found for view, camera in one.belongs.items()}
     return replace(
         worst,
         cameras=tuple(name for one in found for name in one.cameras),
         change=", and ".join(one.change for one in found),
-        belongs={view: camera for one in found for view, camera in one.belongs.items()},
+        belongs={c.name: swapped.get(c.name, c.name) for c in cameras} if swapped else {},
         undone_px=max(one.undone_px for one in found),
     )
 

@@ -13,10 +13,11 @@ from typing import Literal
 import numpy as np
 
 from eal.arrays import Array
+from mocap.calls import check_stated
 from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by_camera, find_arrangement
 from mocap.cameras.camera import Camera, flipped, may_be_cropped, stacked, undistorted
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
-from mocap.errors import CalibrationError
+from mocap.errors import CalibrationError, MocapError
 
 PixelCorner = Literal["upper-left", "lower-left"]
 BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
@@ -32,18 +33,32 @@ class OriginError(CalibrationError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class OriginOptions:
-    """What the user states about corners.
+class PixelOptions:
+    """What is stated of pixels, from which the rest is decided.
 
     Attributes:
         origin: Corner of the pixels.
         calibration_origin: Corner of the coefficients.
         image_height_px: Image height, for flips.
+        usual: Corner from which the program that wrote the pixels counts.
+        correct_lag: Whether cameras that run late by the audit are read between their frames.
+        fit_lens: Whether radial distortion is estimated from the recording and corrected.
     """
 
     origin: PixelCorner | None = None
     calibration_origin: PixelCorner | None = None
     image_height_px: float | None = None
+    usual: PixelCorner | None = None
+    correct_lag: bool = False
+    fit_lens: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what the user states."""
+        check_stated("image_height_px", self.image_height_px)
+        for name in ("origin", "calibration_origin"):
+            corner = getattr(self, name)
+            if corner not in (None, *BOTH):
+                raise MocapError(f"`{name}` is {corner!r}, expected {' or '.join(BOTH)}")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,11 +118,7 @@ class PixelOrigin:
 def decide_origin(
     cameras: Sequence[Camera],
     uv_px: Array,
-    *,
-    origin: PixelCorner | None = None,
-    coefficients: PixelCorner | None = None,
-    height_px: float | None = None,
-    usual: PixelCorner | None = None,
+    options: PixelOptions = PixelOptions(),
 ) -> PixelOrigin:
     """Decide where pixels are counted from.
 
@@ -118,10 +129,7 @@ def decide_origin(
     Args:
         cameras: The C cameras, lenses from the upper left.
         uv_px: (C, T, M, 2) pixels as recorded.
-        origin: Corner of the pixels, if stated.
-        coefficients: Corner of the coefficients, if stated.
-        height_px: Image height, if stated; else the profile's or twice its principal point.
-        usual: The corner from which the program that wrote the pixels counts.
+        options: What is stated; an image height that is not is the profile's or twice its principal point.
 
     Raises:
         ArrangementError: the pixels fit only with mirrored axes, shifted, or with the cameras in another order.
@@ -130,6 +138,7 @@ def decide_origin(
             was not.
     """
     uv = spread_points(uv_px, 4000)  # so many points judge
+    corner, coefficients, height_px = options.origin, options.calibration_origin, options.image_height_px
     lens = any(c.lens is not None for c in cameras)
     heights = [height_px] if height_px is not None else image_heights(cameras)
     tried: list[tuple[float, PixelCorner, PixelCorner, float | None, Array]] = []
@@ -151,12 +160,12 @@ def decide_origin(
                     ideal = flipped(ideal, height) if calibrated == "lower-left" else ideal
                 tried.append((median_miss(matrices, ideal), pixels, calibrated, height, ideal))
     tried.sort(key=lambda t: t[0])
-    allowed = [t for t in tried if origin in (None, t[1]) and coefficients in (None, t[2])]
+    allowed = [t for t in tried if corner in (None, t[1]) and coefficients in (None, t[2])]
     if not allowed:
         raise CalibrationError(
             "the stated pixel origins differ, but the image height is not known: give `image_height_px`"
         )
-    as_programs_do = [t for t in allowed if t[1] == t[2] == (usual or t[1]) and t[0] <= 1.5 * allowed[0][0]]
+    as_programs_do = [t for t in allowed if t[1] == t[2] == (options.usual or t[1]) and t[0] <= 1.5 * allowed[0][0]]
     allowed = as_programs_do or allowed
     alike = [t for t in allowed if _same(t, allowed[0])]
     best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))
@@ -185,7 +194,7 @@ def decide_origin(
             f"{others[0][0]:.2f} px for {_name(others[0])}: state `origin`"
         )
     better = [t for t in tried if t[0] * CLEARLY < best[0] and best[0] - t[0] > 0.5]
-    if better and (origin or coefficients):
+    if better and (corner or coefficients):
         raise CalibrationError(
             f"the stated pixel origin does not fit: residual {best[0]:.2f} px for {_name(best)}, "
             f"{better[0][0]:.2f} px for {_name(better[0])}: state that, or check the calibration"
@@ -194,32 +203,25 @@ def decide_origin(
     return PixelOrigin(
         pixels=best[1],
         coefficients=best[2],
-        stated=origin is not None,
+        stated=corner is not None,
         matters=all(t[1] == best[1] for t in tried if _same(t, best)),
         height_px=best[3],
         residual_px=best[0],
         next_px=min(rest, default=np.inf),
-        usual=best[1] == best[2] == usual,
-        guessed=best[1] != best[2] and (origin is None or coefficients is None),
+        usual=best[1] == best[2] == options.usual,
+        guessed=best[1] != best[2] and (corner is None or coefficients is None),
     )
 
 
-def origin_alone(
-    cameras: Sequence[Camera],
-    *,
-    origin: PixelCorner | None = None,
-    coefficients: PixelCorner | None = None,
-    height_px: float | None = None,
-    usual: PixelCorner | None = None,
-) -> PixelOrigin:
+def origin_alone(cameras: Sequence[Camera], options: PixelOptions) -> PixelOrigin:
     """The same of pixels whose rays never meet, so that nothing tells: as stated, or as programs count."""
-    corner = origin or usual or coefficients or "upper-left"
+    corner = options.origin or options.usual or options.calibration_origin or "upper-left"
     return PixelOrigin(
         pixels=corner,
-        coefficients=coefficients or corner,
-        stated=origin is not None,
+        coefficients=options.calibration_origin or corner,
+        stated=options.origin is not None,
         matters=False,
-        height_px=height_px or image_heights(cameras)[0],
+        height_px=options.image_height_px or image_heights(cameras)[0],
         residual_px=np.nan,
         next_px=np.inf,
     )

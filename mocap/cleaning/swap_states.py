@@ -121,7 +121,7 @@ def _fits(
         flip = state.astype(bool)
         named, width = uv.copy(), spread.copy()
         named[flip], width[flip] = uv[flip][:, :, ::-1], spread[flip][:, :, ::-1]
-        out[:, number], points[:, number] = agreement(matrices, named, width, sd_px=sd_px, detail=detail, outliers=0.05)
+        out[:, number], points[:, number] = agreement(matrices, named, width, sd_px=sd_px, detail=detail)
     return out, points
 
 

@@ -21,7 +21,7 @@ Mask = NDArray[np.bool_]
 Key = tuple[int, int, int]
 
 OUTLIERS = 0.01
-"""Share of clicks that land anywhere, in every score below. Chosen, not measured."""
+"""Share of clicks that land anywhere. Of 0.01 and 0.05 chosen on three flights (docs/experiments/arena.md)."""
 FAR = 4.0
 """A ray that misses its point by so many deviations is suspected: of normal errors one in 3000 (exp(-8))."""
 
@@ -73,9 +73,7 @@ def exchange_rays(uv_px: NDArray[Any], swaps: Sequence[Swap]) -> NDArray[Any]:
     return out
 
 
-def agreement(
-    matrices: Array, uv: Array, spread: Array, *, sd_px: float, detail: float, outliers: float
-) -> tuple[Array, Array]:
+def agreement(matrices: Array, uv: Array, spread: Array, *, sd_px: float, detail: float) -> tuple[Array, Array]:
     """(K,) log likelihood of rays of two markers, but for terms that their names do not change; (K, 2, 3) their points.
 
     A click is of its marker, with a density of 1 / (sqrt(2 pi) sd) in each of the 2 n - 3 directions that n rays leave
@@ -87,7 +85,6 @@ def agreement(
         spread: (C, K, 2) deviations of rays relative to ``sd_px``.
         sd_px: Standard deviation of a pixel coordinate.
         detail: Logarithm of the animal's extent over sqrt(2 pi) sd.
-        outliers: Share of clicks that land anywhere.
     """
     found = robust(matrices, uv, sd_px=sd_px, relative=spread)
     kept = np.isfinite(uv[..., 0]) & ~found.rejected & np.isfinite(found.xyz_m[..., 0])
@@ -97,7 +94,7 @@ def agreement(
         spread * sd_px * np.sqrt((USUAL_DOF - 2) / USUAL_DOF)
     )
     fit = np.where(kept, student_log(np.nan_to_num(miss) ** 2, 2), 0.0).sum(axis=0)
-    return (fit + detail * np.maximum(2 * n - 3, 0) + np.log(outliers) * wrong).sum(axis=1), found.xyz_m
+    return (fit + detail * np.maximum(2 * n - 3, 0) + np.log(OUTLIERS) * wrong).sum(axis=1), found.xyz_m
 
 
 class _Rays:
@@ -159,7 +156,7 @@ class _Rays:
         return np.where(moves_a | moves_b, np.minimum(gain, 0.0), gain)
 
     def _score(self, uv: Array, spread: Array) -> Array:
-        return agreement(self.matrices, uv, spread, sd_px=self.sd, detail=self.detail, outliers=OUTLIERS)[0]
+        return agreement(self.matrices, uv, spread, sd_px=self.sd, detail=self.detail)[0]
 
     @property
     def _scale(self) -> float:

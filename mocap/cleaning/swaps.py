@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
 from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.filters.poses import INDEPENDENT
 
 Mask = NDArray[np.bool_]
 Bones = NDArray[np.int64]
@@ -31,11 +32,11 @@ STEP = 3
 CHANGE = 12.0
 """Negative log probability that two given markers change names between two given frames (one in 160 000).
 Chosen, not measured."""
+BENDS = 5 * np.sqrt(3)
+"""A path goes on straight within so many deviations of a coordinate: five of each of three. Chosen, not measured."""
 MARGIN = 8.0
 """Log likelihood by which a run must win, after what its two changes cost, to be undone: odds of 3000.
 Chosen, not measured."""
-SAME_ERROR_FRAMES = 10.0
-"""Errors of a bone's length persist: so many frames count as one. Chosen, as ``mocap.filters.poses.INDEPENDENT``."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -194,9 +195,7 @@ def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> tup
                 widest, score = float(np.nanmedian(apart)), by_bones - 2 * CHANGE
                 for (ahead, limit), end in at_ends:
                     for marker, sign in ((i, 1), (j, -1)):
-                        sd = float(
-                            np.clip(np.nan_to_num(limit[end, marker] / (5 * np.sqrt(3)), nan=widest), 1e-9, widest)
-                        )
+                        sd = float(np.clip(np.nan_to_num(limit[end, marker] / BENDS, nan=widest), 1e-9, widest))
                         miss = np.linalg.norm(xyz_m[end, j] - ahead[end, marker]) if sd < widest else widest
                         score += sign * (float(student_log(np.array((miss / sd) ** 2), 3)) - 3 * np.log(sd))
                 if score > MARGIN:
@@ -347,7 +346,7 @@ def straight_on(xyz_m: Array, bend_m: Array) -> tuple[Array, Array, Array]:
     velocity = (xyz_m[frames, columns] - xyz_m[np.maximum(earlier, 0), columns]) / step[..., None]
     ahead = np.where((earlier >= 0)[..., None], xyz_m[frames, columns] + gap[..., None] * velocity, np.nan)
     before = np.where((last >= 0)[..., None], xyz_m[frames, columns], np.nan)
-    return ahead, 5 * np.sqrt(3) * bend_m * gap * (gap + step) / 2, before
+    return ahead, BENDS * bend_m * gap * (gap + step) / 2, before
 
 
 def crossing_pairs(xyz_m: Array, bend_m: Array) -> set[Pair]:
@@ -408,7 +407,7 @@ def unbroken(xyz_m: Array, frames: NDArray[np.int64], bend_m: Array) -> Mask:
         seen = np.flatnonzero(np.isfinite(xyz_m[:, j, 0]))
         x, (g, h) = xyz_m[seen, j], (np.diff(seen)[:-1], np.diff(seen)[1:])
         off = np.linalg.norm(x[2:] - x[1:-1] - (x[1:-1] - x[:-2]) * (h / g)[:, None], axis=-1)
-        limit = 5 * np.sqrt(3) * bend_m[j] * h * (g + h) / 2
+        limit = BENDS * bend_m[j] * h * (g + h) / 2
         goes_on = np.concatenate([[False, False], (off <= limit) & (h <= STEP)])
         breaks = np.concatenate([[0], np.cumsum(~goes_on)])
         at = np.searchsorted(seen, frames)
@@ -447,7 +446,7 @@ def belonging(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], b
                     break
                 g, h = abs(frames[-1] - frames[-2]), abs(int(t) - frames[-1])
                 off = xyz_m[t, name] - at[-1] - (at[-1] - at[-2]) * h / g
-                limit = min(5 * np.sqrt(3) * bend_m[way] * h * (g + h) / 2, half)
+                limit = min(BENDS * bend_m[way] * h * (g + h) / 2, half)
                 if h > STEP or np.linalg.norm(off) > limit:
                     break
                 reached[end, name, t] = True
@@ -529,7 +528,7 @@ def pair_evidence(xyz_m: Array, lengths: Sequence[BoneLength], pair: Pair, suspe
             if end in pair and fixed not in pair and fixed not in suspects:
                 other = pair[1] if end == pair[0] else pair[0]
                 total += _in_place(xyz_m, bone, fixed, other) - _in_place(xyz_m, bone, fixed, end)
-    return total / SAME_ERROR_FRAMES
+    return INDEPENDENT * total
 
 
 def stretched_pairs(xyz_m: Array, lengths: Sequence[BoneLength]) -> set[Pair]:
@@ -546,7 +545,7 @@ def stretched_pairs(xyz_m: Array, lengths: Sequence[BoneLength]) -> set[Pair]:
     out = set()
     for a in range(n_markers):
         total = (place[a] + place[:, :, a].T) * (seen[:, [a]] & seen)
-        total = np.cumsum(np.concatenate([np.zeros((1, n_markers)), total]) / SAME_ERROR_FRAMES, axis=0)
+        total = INDEPENDENT * np.cumsum(np.concatenate([np.zeros((1, n_markers)), total]), axis=0)
         rise = np.max(total - np.minimum.accumulate(total, axis=0), axis=0)
         out |= {(a, int(b)) for b in np.flatnonzero(rise > CHANGE + MARGIN) if b > a}
     return out

@@ -37,9 +37,9 @@ def info(
 ) -> None:
     """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
     from mocap.audit.inspect import inspect, readable
-    from mocap.cameras.origin import OriginOptions
+    from mocap.cameras.origin import PixelOptions
 
-    corners = OriginOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
+    corners = PixelOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
     files = files if calibration is None else [*files, calibration]
     found: list[dict[str, Any]] = inspect(files, options.hints(), fps=fps, unit=unit, origin=corners)
     if as_json:

@@ -1,6 +1,7 @@
 """``mocap learn``, and ``mocap label`` with what that wrote."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -51,8 +52,9 @@ def learn(
     """
     import mocap
     from mocap.io.output import result_file
+    from mocap.pipeline.reading import of_session
 
-    recordings = [options.read(tracks) for tracks in trials]
+    recordings = list(of_session(partial(options.read, tracks) for tracks in trials))
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=force, inputs=inputs, tell=say) as file:
         with mocap.processes(jobs):

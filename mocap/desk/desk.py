@@ -27,8 +27,9 @@ from mocap.findings import Finding
 from mocap.io.manifest import locked
 from mocap.io.output import result_file, result_folder
 from mocap.io.unstated_unit import UNIT
-from mocap.pipeline.cleaning import audit_points, with_ideal_pixels
+from mocap.pipeline.cleaning import audit_points
 from mocap.pipeline.edits import read_edits, standing
+from mocap.pipeline.ideal_pixels import with_rays
 from mocap.pipeline.reading import OPTIONS, in_options
 from mocap.results.tracked import load
 from mocap.text import number_of
@@ -154,11 +155,10 @@ class Desk:
             recording = trial.recording()
             found += [*recording.findings, *recording.readings]
             if recording.pixels is not None and len(recording.cameras) > 1:
-                video = with_ideal_pixels(recording)
-                assert video.rows is not None
-                assert video.pixels is not None
-                found += [*video.readings, *audit_points(video)[1]]
-                found += audit.audit_filmed(video.cameras, video.pixels, video.ideal_px, video.rows)
+                rows = with_rays(recording).rows
+                assert rows is not None  # as two cameras see something
+                found += audit_points(recording)[1]
+                found += audit.audit_filmed(recording.cameras, recording.pixels, recording.ideal_px, rows)
             elif recording.pixels is not None:
                 found += audit.pixel_findings(recording.pixels)
             elif recording.points is not None:
@@ -365,15 +365,13 @@ def _in_order(trial: Trial) -> Trial:
         MocapError: it is one file, or in no order do its files fit.
     """
     try:
-        recording = trial.recording()
-        with_ideal_pixels(recording)
+        trial.recording()
     except ArrangementError as error:
-        names, belongs = [camera.name for camera in recording.cameras], error.arrangement.belongs
-        if len(trial.paths) != len(names) or not belongs:
+        names, order = list(error.arrangement.belongs), list(error.arrangement.belongs.values())
+        if len(trial.paths) != len(names):
             raise
-        order = [names.index(belongs.get(name, name)) for name in names]
-        found = replace(trial, paths=tuple(trial.paths[order.index(i)] for i in range(len(names))))
-        with_ideal_pixels(found.recording())
+        found = replace(trial, paths=tuple(trial.paths[order.index(name)] for name in names))
+        found.recording()  # whether they fit
         return found
     raise MocapError(f"{trial.name}: its cameras are in the order of their calibration")
 

@@ -1,7 +1,6 @@
 """The skeleton of a trial as it is drawn: points named, bones and joints chosen, in the file that tracking reads."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,8 +16,7 @@ from mocap.desk.pictures import Pictures, listed, pictures_of
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file
-from mocap.pipeline.cleaning import with_ideal_pixels
-from mocap.pipeline.one_camera import of_one_camera
+from mocap.pipeline.ideal_pixels import of_one_camera
 from mocap.pipeline.propose_skeleton import propose_skeleton
 from mocap.pipeline.recording import Recording
 from mocap.skeleton import Bone, Joint, Skeleton, mirrored, read_skeleton, skeleton_text, write_skeleton
@@ -59,7 +57,7 @@ class Draft:
         if recording.pixels is None:
             return recording.xyz_m
         if recording.cameras and not of_one_camera(recording):
-            return linear(stacked(recording.cameras), with_ideal_pixels(recording).ideal_px)
+            return linear(stacked(recording.cameras), recording.ideal_px)
         u, v = np.moveaxis(recording.pixels.uv_px[0], -1, 0)
         return np.stack([u, np.zeros_like(u), -v], axis=-1)
 
@@ -204,8 +202,6 @@ def open_draft(trial: Trial, path: Path) -> Draft:
     skeleton = (
         replace(recording.skeleton, name=trial.name) if skeleton_file is None else read_skeleton(Path(skeleton_file))
     )
-    pictures = None
-    with suppress(MocapError):  # what is wrong with its cameras is found by the audit
-        pictures = pictures_of(recording)
-    filmed = None if pictures is None or pictures.videos is None else pictures
+    pictures = pictures_of(recording)
+    filmed = None if pictures.videos is None else pictures
     return Draft(trial=trial.name, recording=recording, skeleton=skeleton, path=path, pictures=filmed)

@@ -14,8 +14,6 @@ from mocap.digitising.naming import seen_from
 from mocap.digitising.videos import Videos, open_videos
 from mocap.errors import MocapError
 from mocap.io.movies import FILMS
-from mocap.pipeline.cleaning import with_ideal_pixels
-from mocap.pipeline.one_camera import of_one_camera, undistorted_alone
 from mocap.pipeline.recording import Recording
 
 
@@ -74,15 +72,9 @@ class Pictures:
 
 
 def pictures_of(recording: Recording) -> Pictures:
-    """Images of a recording, with its videos where they lie beside its file.
-
-    Raises:
-        MocapError: its pixels do not fit its cameras.
-    """
-    if not recording.cameras or "pixels" not in recording.data:
-        return Pictures(raw=recording)
-    raw = undistorted_alone(recording) if of_one_camera(recording) else with_ideal_pixels(recording)
-    return Pictures(raw=raw, videos=films_beside(raw))
+    """Images of a recording, with its videos where they lie beside its file."""
+    filmed = recording.cameras and "pixels" in recording.data
+    return Pictures(raw=recording, videos=films_beside(recording) if filmed else None)
 
 
 def films_beside(recording: Recording) -> Videos | None:

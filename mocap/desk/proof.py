@@ -19,10 +19,10 @@ from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
 from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
 from mocap.errors import MocapError
-from mocap.pipeline.by_hand import errors_left, straightened, with_hand
+from mocap.pipeline.by_hand import errors_left, with_hand
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, standing
-from mocap.pipeline.one_camera import of_one_camera
+from mocap.pipeline.ideal_pixels import of_one_camera, straightened
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.retrack import AROUND, tracked_again
 from mocap.records import MarkerTracks, Status

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
-_RADII_PX = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.5, 11.0)
+_RADII_PX = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.5, 11.0)  # a grid: a disc responds to its neighbours nearly as much
 
 
 @dataclass(frozen=True, kw_only=True)

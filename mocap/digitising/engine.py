@@ -33,10 +33,10 @@ from mocap.skeleton import Skeleton
 CLICK_SD_PX = 1.0
 """Of a coordinate of a click, where no dot shows it. Chosen, not measured."""
 _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
-"""Speeds that are tried at the start, in lengths of the animal a frame."""
-_TRIAL_FRAMES = 3  # for each of them
+"""Speeds that are tried at the start, in lengths of the animal a frame: a grid. Chosen, not measured."""
+_TRIAL_FRAMES = 3  # for each of them; chosen
 _WIDE_PX = 60.0  # chosen, not measured
-_PIECES, _PIECE = 10, 20
+_PIECES, _PIECE = 10, 20  # that show what dots err by, and the frames of each; chosen
 _LEARN_AT = (30, 60, 120, 240, 480, 960)  # frames after which the pose is learned again, twice as many each time
 
 Progress = Callable[[str, float], None]
@@ -484,8 +484,8 @@ class Engine:
         self.tracks.density[frame] = self.density
         # follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found
         finite = np.isfinite(named.surprise)
-        ratio = np.clip(named.surprise[finite], 0.0, 30.0)
-        self.density[finite] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
+        ratio = named.surprise[finite]
+        self.density[finite] *= np.minimum(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 3.0)
         self.density[named.rays == 0] *= 1.3
         self.most = np.maximum(self.most, np.where(finite, self.density, 0.0))
         floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))

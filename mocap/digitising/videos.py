@@ -21,8 +21,8 @@ from mocap.io.crop import matched
 from mocap.io.movies import Movie, listed, open_movie
 
 AHEAD = 4
-"""So many frames of each video are decoded before they are asked for."""
-_MISFIT = 4.0  # deviations; chosen, not measured
+"""So many frames of each video are decoded before they are asked for: of speed and memory alone."""
+_MISFIT_PX = 6.0  # twice what careless clicks miss by; chosen, not measured
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -193,14 +193,13 @@ def open_windows(
     return videos, tuple(windows)
 
 
-def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie], *, sd_px: float = 1.5) -> None:
+def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]) -> None:
     """Refuse videos whose clicks do not meet in space, with the order of the cameras in which they do.
 
     Args:
         cameras: The C cameras.
         uv_px: (C, N, 2) clicks as recorded; NaN where not clicked.
         movies: Videos of the cameras.
-        sd_px: Error of a click.
 
     Raises:
         CalibrationError: rays of the same marker pass each other by more than clicks can explain.
@@ -209,7 +208,7 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
     if not both.any():
         return
     found = _misfit(cameras, uv_px[:, both])
-    if not found > _MISFIT * sd_px:
+    if not found > _MISFIT_PX:
         return
     every = range(len(cameras))
     if len(every) <= 6:
@@ -218,7 +217,7 @@ def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]
         orders = [tuple({i: j, j: i}.get(k, k) for k in every) for i, j in combinations(every, 2)]
     tried = [(_misfit([cameras[i] for i in order], uv_px[:, both]), order) for order in orders]
     best, order = min((misfit, order) for misfit, order in tried if np.isfinite(misfit))
-    if best < min(_MISFIT * sd_px, 0.3 * found):
+    if best < min(_MISFIT_PX, 0.3 * found):
         pairs = ", ".join(f"{m.path.name}: {cameras[i].name}" for m, i in zip(movies, order, strict=True))
         raise CalibrationError(
             f"the videos are not in the order of the calibration: the clicks have a reprojection error of {found:.1f} "

@@ -24,7 +24,7 @@ import numpy as np
 from mocap.errors import FormatError
 
 LEAST = 1 << 29
-"""Bytes that any file may hold: an hour of 20 markers at 250 Hz, with their covariances."""
+"""Bytes that any file may hold: 24 minutes of 20 markers at 250 Hz, with their covariances. Chosen."""
 UNKNOWN_BYTES = 2 << 30
 """Address space of Python with its libraries where the system does not tell."""
 

@@ -14,7 +14,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FILLED, FileContents, point_recording, points_of
 from mocap.io.format import Format
-from mocap.io.lines import metres, told_apart, unit_of
+from mocap.io.lines import RATES_HZ, metres, told_apart, unit_of
 from mocap.records import Status
 
 BLOCK = 512
@@ -446,7 +446,7 @@ def _contradictions(statements: dict[str, dict[str, Any]], layout: _Layout, size
 def _rate(head: Head) -> tuple[float | None, list[str]]:
     """Frames a second by the head, else by POINT:RATE, and a finding where they differ or are none."""
     rates = {"the header": head.rate_hz, "POINT:RATE": head.number("POINT:RATE")}
-    sane = {who: rate for who, rate in rates.items() if rate is not None and 1e-4 < rate < 1e7}
+    sane = {who: rate for who, rate in rates.items() if rate is not None and RATES_HZ[0] <= rate <= RATES_HZ[1]}
     if not sane:
         return None, [f"the frame rate in the file is {head.rate_hz:g}"]
     who, fps = next(iter(sane.items()))

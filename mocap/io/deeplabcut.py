@@ -25,6 +25,7 @@ from mocap.io.lines import frame_numbers, image_numbers, number, numbers, read_l
 if TYPE_CHECKING:
     import pandas as pd
 
+LEAST_LIKELIHOOD = 0.6  # DeepLabCut's cutoff
 _KEY = "df_with_missing"
 """Of DeepLabCut's tables in HDF5; labels of napari-deeplabcut, tracklets and others have theirs."""
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
@@ -97,8 +98,8 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
             score[0, :, m] = values[:, where[(*animal, "likelihood")]]
     single = len({individual for individual, _ in animals}) == 1
     names = [part if single else f"{individual}_{part}" for individual, part in animals]
-    low = np.isfinite(score) & (score < 0.6)
-    findings += [f"{low.sum()} samples have a likelihood below 0.6"] if low.any() else []
+    low = np.isfinite(score) & (score < LEAST_LIKELIHOOD)
+    findings += [f"{low.sum()} samples have a likelihood below {LEAST_LIKELIHOOD}"] if low.any() else []
     scored = not np.isnan(score).all()
     whose = tuple(animals) if animals[0][0] else ()
     if axes == "xyz":

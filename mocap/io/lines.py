@@ -199,6 +199,7 @@ def rate(path: Path, value: object) -> float:
     return hertz
 
 
+RATES_HZ = (1e-4, 1e7)  # a picture in three hours, and the fastest cameras
 SLOW, SLOW_HZ = "ARE TIMES SECONDS?", 1.0
 """How a finding begins on times that a second or more lies between, as seconds: few animals are filmed so slowly."""
 

@@ -20,6 +20,7 @@ from eal.arrays import Array
 from eal.needs import needs
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
+from mocap.cameras.triangulate import PAIRS
 from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
@@ -29,7 +30,6 @@ from mocap.records import Status
 
 _KINDS = ("MultiCameraPoseEstimation", "PoseEstimation")
 _TABLE = "PoseUncertainty"
-_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _UNITS = {"meters": "m", "metres": "m", "meter": "m", "millimeters": "mm", "millimetres": "mm", "centimeters": "cm"}
 _LENSES: dict[int, type[Lens]] = {4: FisheyeLens, 5: BrownLens, 8: RationalLens}
 _CODES = ", ".join(f"{status.value} {status.name.lower()}" for status in Status)
@@ -149,7 +149,7 @@ def _uncertainty(path: Path, file: Any, keys: list[str], xyz: Array) -> tuple[Ar
         shapes = rows.shape == (len(xyz), 6) and codes.shape == (len(xyz),)
         if not shapes or not set(codes.tolist()) <= set(map(int, Status)):
             raise FormatError(f"{path.name}: {_TABLE}: columns of {key} are not 6 covariances and a status a frame")
-        for n, (i, j) in enumerate(_UPPER):
+        for n, (i, j) in enumerate(PAIRS):
             cov[:, m, i, j] = cov[:, m, j, i] = rows[:, n]
         status[:, m] = codes
     return cov, status
@@ -248,7 +248,7 @@ def _table(recording: FileContents, keys: list[str]) -> Any:
     points = recording.points
     columns = []
     for m, key in enumerate(keys):
-        cov = np.stack([points.cov_m2[:, m, i, j] for i, j in _UPPER], axis=1)  # type: ignore[union-attr]
+        cov = np.stack([points.cov_m2[:, m, i, j] for i, j in PAIRS], axis=1)  # type: ignore[union-attr]
         what = f"covariance of the position of {recording.names[m]}: xx, xy, xz, yy, yz, zz in square metres"
         columns.append(common.VectorData(name=f"{key}_covariance", description=what, data=cov))
         codes = points.status[:, m].astype(np.int8)  # type: ignore[union-attr]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
+from mocap.io.lines import RATES_HZ
 from mocap.records import Status
 from mocap.schema import not_covariances
 from mocap.text import visible
@@ -141,9 +142,7 @@ def _placeholder_notes(values: Array, lost: NDArray[np.bool_], recording: FileCo
 
 _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
-_FARTHEST = 1e11
-"""The same where the unit may be as small as a millimetre."""
-_RATES_HZ = (1e-4, 1e7)  # a picture in three hours, and the fastest cameras
+_FARTHEST = _FARTHEST_M / 1e-3  # where the unit may be as small as a millimetre
 
 
 def plausible(recording: FileContents) -> FileContents:
@@ -154,9 +153,9 @@ def plausible(recording: FileContents) -> FileContents:
     """
     recording = without_placeholders(recording)
     name, findings = recording.paths[0].name, []
-    if recording.fps is not None and not _RATES_HZ[0] <= recording.fps <= _RATES_HZ[1]:
+    if recording.fps is not None and not RATES_HZ[0] <= recording.fps <= RATES_HZ[1]:
         raise FormatError(
-            f"{name}: the frame rate is {recording.fps:g}; expected {_RATES_HZ[0]:g} to {_RATES_HZ[1]:g} frames a "
+            f"{name}: the frame rate is {recording.fps:g}; expected {RATES_HZ[0]:g} to {RATES_HZ[1]:g} frames a "
             "second: correct it and export again"
         )
     if recording.points is not None:

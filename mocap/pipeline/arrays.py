@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike
 
 from eal.arrays import Array, unique
 from mocap.cameras.camera import Camera, dlt_camera, scaled
-from mocap.cameras.origin import PixelCorner
+from mocap.cameras.origin import PixelCorner, PixelOptions
 from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.lines import metres, rate_of_times
 from mocap.io.movement import of_dataset
 from mocap.io.plausible import plausible
+from mocap.pipeline.ideal_pixels import with_ideal_pixels
 from mocap.pipeline.reading import animal, calibration_of, check_rig, complete
 from mocap.pipeline.recording import Recording, dataset_of
 from mocap.skeleton import Skeleton
@@ -112,15 +113,16 @@ def from_pixels(
     check_rig(contents, rig, name, "`cameras`")
     if own_unit is not None:
         contents = replace(contents, unit=own_unit)
-    return replace(
-        _recording(contents, rig, readings, name=name, fps=fps, unit=None, skeleton=skeleton),
-        pixel_origin=origin,
+    options = PixelOptions(
+        origin=origin,
         calibration_origin=calibration_origin,
         image_height_px=image_height_px,
-        pixel_sd=pixel_sd,
+        usual=contents.pixel_origin,
         correct_lag=correct_lag,
         fit_lens=fit_lens,
     )
+    found = _recording(contents, rig, readings, name=name, fps=fps, unit=None, skeleton=skeleton)
+    return with_ideal_pixels(replace(found, pixel_sd=pixel_sd, options=options))
 
 
 def _recording(
@@ -148,7 +150,6 @@ def _recording(
         findings=findings,
         readings=readings,
         unusual=contents.remarks,
-        usual_origin=contents.pixel_origin,
         unit=unit,
     )
 

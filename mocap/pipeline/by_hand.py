@@ -10,32 +10,9 @@ from mocap.cameras import triangulate
 from mocap.cleaning.bias import carried, hand_sd, share_left
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.pipeline import sentences
+from mocap.pipeline.ideal_pixels import without_hand, without_lens
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
-
-
-def straightened(recording: Recording, uv_px: Array) -> Array:
-    """(C, T, M, 2) pixels of a recording as ideal ones, by what ``with_ideal_pixels`` decided of the whole."""
-    late, ideal = recording.late_frames, _without_lens(recording, uv_px)
-    return ideal if late is None else audit.in_step(ideal, late)
-
-
-def _without_lens(recording: Recording, uv_px: Array) -> Array:
-    assert recording.rows is not None
-    ideal = recording.rows.ideal(recording.cameras, uv_px)
-    return ideal if recording.lens is None else recording.lens.straight(ideal)
-
-
-def without_hand(recording: Recording) -> Recording:
-    """The recording with the pixels of its file where a person placed markers; exchanges and deletions stay.
-
-    Where the file shows no point by itself, all that a person placed stays, too.
-    """
-    if not recording.by_hand.any():
-        return recording
-    uv, own = recording.data["pixels"].values, recording.data["overruled"].values
-    rest = np.where(recording.by_hand[..., None], own, uv)
-    return recording.having(pixels=rest) if (np.isfinite(rest[..., 0]).sum(axis=0) >= 2).any() else recording
 
 
 def errors_left(recording: Recording) -> float:
@@ -111,9 +88,9 @@ def _placed(recording: Recording, edited: Recording) -> Array:
     Of a camera that is late they are of the nearest frame, and as far from the file's own there as in the image.
     """
     late, at = recording.late_frames, edited.by_hand[..., None]
-    out = np.array(_without_lens(recording, np.where(at, edited.data["pixels"].values, np.nan)))
+    out = np.array(without_lens(recording, np.where(at, edited.data["pixels"].values, np.nan)))
     if late is not None and late.any():
-        own = np.array(_without_lens(recording, without_hand(edited).data["pixels"].values))
+        own = np.array(without_lens(recording, without_hand(edited).data["pixels"].values))
         in_step = audit.in_step(own, late)
         for c in np.flatnonzero(late):
             out[c], own[c] = (_moved(pixels[c], round(float(late[c]))) for pixels in (out, own))

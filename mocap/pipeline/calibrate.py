@@ -23,7 +23,7 @@ from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, read
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
-from mocap.pipeline.cleaning import with_ideal_pixels
+from mocap.pipeline.ideal_pixels import with_rays, without_lens
 from mocap.pipeline.recording import Recording
 from mocap.records import PixelTracks
 from mocap.text import plain
@@ -300,8 +300,9 @@ def from_tracks(
     Raises:
         MocapError: whatever makes that impossible.
     """
-    film, names = with_ideal_pixels(source, iterations=3, find_unit=False), source.names
-    found = refine_cameras(film.cameras, film.ideal_px, bones=[_bone(b, names) for b in bones], focal=focal)
+    film, names = with_rays(source), source.names
+    ideal = without_lens(film, film.data["pixels"].values, iterations=3)
+    found = refine_cameras(film.cameras, ideal, bones=[_bone(b, names) for b in bones], focal=focal)
     rows = [
         [c.name, f"{1e3 * m:.1f}", f"{np.degrees(a):.3f}", f"{f:.4f}"]
         for c, m, a, f in zip(found.cameras, found.moved_m, found.turned_rad, found.f_ratio, strict=True)
@@ -314,6 +315,7 @@ def from_tracks(
         "",
         *table(["camera", "moved mm", "turned degrees", "focal length / old one"], rows),
         *(f"- {plain(b)}: {r:.4f} times the stated length" for b, r in zip(bones, found.length_ratio, strict=True)),
+        *(f"- {plain(str(finding))}" for finding in film.readings),
         "Coefficients are for the same (undistorted) pixels as before: use the same camera profile with them.",
     ]
     numbers = {

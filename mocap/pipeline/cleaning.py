@@ -1,7 +1,6 @@
 """Clean a recording: what a tracker is given, with every sample that is not believed marked."""
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +8,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap import audit
-from mocap.calibration.lens_of_tracks import lens_covariance, lens_of_tracks, moved_by_lens
-from mocap.cameras import origin, triangulate
-from mocap.cameras.camera import Camera, scaled, stacked
+from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
+from mocap.cameras import triangulate
 from mocap.cleaning.bias import lasting_bias, persistent_px, ray_bias
 from mocap.cleaning.camera_health import camera_health, shifted_back
 from mocap.cleaning.clean import clean as cleaned_positions
@@ -23,16 +21,13 @@ from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, exchange
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
-from mocap.io.lines import UNIT_M
-from mocap.io.unstated_unit import of_cameras
+from mocap.io.deeplabcut import LEAST_LIKELIHOOD
 from mocap.pipeline import sentences
-from mocap.pipeline.by_hand import with_hand, without_hand
+from mocap.pipeline.by_hand import with_hand
+from mocap.pipeline.ideal_pixels import with_rays, without_hand
 from mocap.pipeline.recording import Recording, as_recording
 from mocap.records import Plane, Status
 from mocap.skeleton import Measures, Skeleton
-
-LEAST_LIKELIHOOD = 0.6
-"""Clicks below are rejected: without a second camera nothing tells what a likelihood is worth (DeepLabCut's cutoff)."""
 
 
 def clean(recording: Recording, *, first: int = 0) -> Recording:
@@ -63,114 +58,10 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
             raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
         done = _positions(found, first)
     else:
-        done = _film(with_ideal_pixels(without_hand(recording)), first)
+        done = _film(without_hand(with_rays(recording)), first)
         done = with_hand(done, recording, first=first)
     exchanged = np.any(list(exchanged_samples(done.xyz_m.shape[:2], done.swaps).values()), axis=0)
     return done.having(repaired=np.where(done.edited, 2, exchanged).astype(np.int8))
-
-
-def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, find_unit: bool = True) -> Recording:
-    """Decide where pixels are counted from, and take out lenses and lags.
-
-    Args:
-        recording: With cameras.
-        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
-        find_unit: Whether the unit of a calibration that nobody states is chosen by the animal's length.
-
-    Raises:
-        FormatError: it contains no pixels, nothing is seen, or no unit makes it an animal.
-        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
-    """
-    if recording.rows is not None:
-        return recording
-    found = _undistorted(recording, _pixels_of(recording), iterations)
-    if not find_unit or (recording.unit or recording.data.attrs.get("space_unit")) is not None:
-        return found
-    unit, unit_findings = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
-    if unit != "m":
-        recording = replace(recording, unit=unit, cameras=scaled(recording.cameras, UNIT_M[unit]))
-        found = _undistorted(recording, _pixels_of(recording), iterations)
-    return replace(found, readings=(*unit_findings, *found.readings))
-
-
-def _pixels_of(recording: Recording) -> Array:
-    """(C, T, M, 2) pixels of two or more calibrated cameras, of which two see something at once."""
-    where, pixels = recording.where, recording.pixels
-    if pixels is None:
-        raise FormatError(
-            f"{where}: contains positions ({recording.format}), not pixels: give the file of pixels "
-            "(2D), or leave the calibration out"
-        )
-    if not recording.cameras:
-        project = recording.format == "dltdv-project"
-        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
-        raise CalibrationError(f"{where}: {what}: calibrate, or give `calibration`")
-    if len(pixels.cameras) < 2:
-        raise CalibrationError(
-            f"{where}: contains one camera: 3D points need two or more views in one file, or a model of the "
-            "animal from recordings with more (mocap learn): give `model`"
-        )
-    if not pixels.seen.any():
-        raise FormatError(f"{where}: no marker is ever seen: there is nothing to track; digitise first")
-    if not (pixels.seen.sum(axis=0) >= 2).any():
-        raise CalibrationError(f"{where}: no marker is seen by two cameras at once: no point can be triangulated")
-    return pixels.uv_px
-
-
-def _undistorted(recording: Recording, uv_px: Array, iterations: int | None) -> Recording:
-    cameras = recording.cameras
-
-    def decided(uv_px: Array) -> origin.PixelOrigin:
-        return origin.decide_origin(
-            cameras,
-            uv_px,
-            origin=recording.pixel_origin,
-            coefficients=recording.calibration_origin,
-            height_px=recording.image_height_px,
-            usual=recording.usual_origin,
-        )
-
-    try:
-        rows = _decided_apart(uv_px, cameras, decided, correct_lag=recording.correct_lag)
-    except CalibrationError as error:
-        error.args = (f"{recording.where}: {error}",)
-        raise
-    ideal, findings, lens, late = rows.ideal(cameras, uv_px, iterations=iterations), recording.readings, None, None
-    if recording.fit_lens:
-        if any(c.lens is not None for c in cameras):
-            raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
-        lens = lens_of_tracks(cameras, ideal)
-        ideal = lens.straight(ideal)
-        findings += (sentences.estimated_lens(lens),)
-    if recording.correct_lag and (lags := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
-        late = audit.late_cameras(lags)
-        ideal = audit.in_step(ideal, late)
-    found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
-    return replace(found, rows=rows, lens=lens, readings=findings)
-
-
-def _decided_apart(
-    uv_px: Array, cameras: Sequence[Camera], decided: Callable[[Array], origin.PixelOrigin], *, correct_lag: bool
-) -> origin.PixelOrigin:
-    """The decision on the pixel origin, also of cameras that start apart, where that is asked to be corrected.
-
-    Raises:
-        CalibrationError: pixels and coefficients do not belong together; if they do where cameras start at once, it
-            says by how much they do not.
-    """
-    try:
-        return decided(uv_px)
-    except CalibrationError as error:
-        start = audit.start_offsets(stacked(cameras), uv_px)[0]  # lenses move pixels by less than motion does
-        if not start.any():
-            raise
-        with suppress(CalibrationError):  # what was not the cause is not named
-            found = decided(audit.moved(uv_px, start))
-            if correct_lag:
-                return found
-            each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
-            error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
-        raise
 
 
 def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
@@ -202,6 +93,7 @@ def _in_plane(recording: Recording) -> Recording:
     assert pixels is not None
     plane, uv, unlikely = Plane(mm_per_px=recording.mm_per_px), pixels.uv_px[0], np.zeros_like(pixels.seen[0])
     if likelihood is not None and likelihood.shape == pixels.seen.shape:
+        # without a second camera nothing tells what a likelihood is worth
         unlikely = pixels.seen[0] & (likelihood[0] < LEAST_LIKELIHOOD)
         uv = np.where(unlikely[..., None], np.nan, uv)
     flat = np.where(np.isfinite(uv[..., :1]), 0.0, np.nan)
@@ -301,7 +193,6 @@ def _film(recording: Recording, first: int) -> Recording:
             *film.readings,
             *film.findings,
             *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
-            sentences.pixel_origin(rows),
             *(f for f in audited if f.alarm or f.kind == "mirrored world"),
             *lens,
             *sentences.late_cameras(cameras, film.late_frames),

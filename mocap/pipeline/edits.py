@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
+from mocap.pipeline.ideal_pixels import straightened, without_hand, without_lens
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
 
@@ -173,11 +174,24 @@ def edited(recording: Recording, edits: Sequence[Edit], *, where: str = "edits")
         by_hand = np.isfinite(placed[..., 0])
         if by_hand.any():
             changed |= {"by_hand": by_hand, "overruled": np.where(by_hand[..., None], values, np.nan)}
-        return recording.having(pixels=np.where(by_hand[..., None], placed, values), **changed)
+        return _with_ideal(recording.having(pixels=np.where(by_hand[..., None], placed, values), **changed), mask)
     gone = ~np.isfinite(values[..., 0])
     cov = np.where((mask | gone)[..., None, None], np.nan, recording.cov_m2)
     status = np.where(gone, Status.MISSING, Status.MEASURED).astype(np.int8)
     return recording.having(position=values, covariance=cov, status=status, **changed)
+
+
+def _with_ideal(recording: Recording, mask: NDArray[np.bool_]) -> Recording:
+    """The recording with ideal pixels of samples that were changed, where these were decided before."""
+    if recording.rows is None:
+        return recording
+    own, ideal = without_hand(recording), np.array(recording.ideal_px)
+    pixels = own.data["pixels"].values
+    if recording.late_frames is None:
+        ideal[:, mask] = without_lens(own, pixels[:, mask])
+    else:
+        ideal = straightened(own, pixels)
+    return recording.having(ideal=ideal)
 
 
 def apply(

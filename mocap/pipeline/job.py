@@ -10,15 +10,16 @@ import numpy as np
 
 from eal.threads import one_blas_thread
 from mocap.errors import MocapError, beside
+from mocap.filters.bones import size_factor
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
-from mocap.filters.size import size_factor
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
+from mocap.pipeline.ideal_pixels import of_one_camera
+from mocap.pipeline.one_camera import NAME, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import Counts, make_report, readable

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.cameras.origin import OriginError
 from mocap.errors import MocapError
 from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, WITH_JOINTS, Effort, best_of
 from mocap.filters.model import LearnedModel, learn_model, own_trials
@@ -153,7 +152,7 @@ def learn_from(
         MocapError: a recording cannot be read, or they cannot be learned from together.
     """
     some = _Some()
-    for number, one in _cleaned(sources, tell):
+    for number, one in enumerate(_cleaned(sources, tell)):
         seen = np.isfinite(one.xyz_m[..., 0])
         tell(f"{one.name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
         some.add(number, _Shown.of(one))
@@ -232,38 +231,19 @@ class _Some:
         return [self.kept[lot] for lot in sorted(self.kept, key=lambda lot: lot[1])]
 
 
-def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Iterator[tuple[int, Recording]]:
-    """The recordings, cleaned, with their numbers.
-
-    Where one cannot tell which corner its pixels are counted from, the others tell, and it comes last.
+def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Iterator[Recording]:
+    """The recordings, cleaned.
 
     Raises:
         MocapError: a recording cannot be cleaned; the message names its file.
     """
-    doubt: dict[int, tuple[Recording, OriginError]] = {}
-    decisions = set()
-    for number, source in enumerate(sources):
-        if source.cleaned:
-            one = source
-        else:
-            try:
-                one = clean(source.without_needless_calibration()).in_space("learning")
-            except OriginError as error:
-                doubt[number] = source, error
-                continue
+    for source in sources:
+        one = clean(source.without_needless_calibration()).in_space("learning")
+        if not source.cleaned:
             units = [finding for finding in one.findings if finding.kind == UNIT]
             for text in dict.fromkeys(map(str, (*units, *source.findings))):
                 tell(f"{one.name}: {text}")
-        if one.rows is not None:
-            decisions.add((one.rows.pixels, one.rows.coefficients))
-        yield number, one
-    for number, (source, error) in doubt.items():
-        if len(decisions) != 1:
-            raise error
-        (corners,) = decisions
-        fresh = replace(source, pixel_origin=corners[0], calibration_origin=corners[1])
-        tell(f"{source.name}: pixel origin {corners[0]}, as in the other recordings of this session")
-        yield number, clean(fresh.without_needless_calibration()).in_space("learning")
+        yield one
 
 
 def readable_scores(learned: LearnedModel) -> str:

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from mocap.cameras.origin import origin_alone
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
@@ -22,34 +21,6 @@ from mocap.records import Status
 
 NAME = "one camera"
 """Of the model, in reports and tables."""
-
-
-def of_one_camera(source: Recording) -> bool:
-    """Whether there are calibrated cameras of which no two see a marker at once."""
-    pixels = source.pixels if source.cameras else None
-    return pixels is not None and bool(pixels.seen.any()) and not (pixels.seen.sum(axis=0) >= 2).any()
-
-
-def undistorted_alone(source: Recording) -> Recording:
-    """With ideal pixels. Where pixels are counted from is stated or taken as usual: nothing can tell from one camera.
-
-    Raises:
-        CalibrationError: something was to be estimated from rays that meet.
-    """
-    options = {"fit_lens": source.fit_lens, "correct_lag": source.correct_lag}
-    for name, wanted in options.items():
-        if wanted:
-            raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out, or give a `profile`")
-    rows = origin_alone(
-        source.cameras,
-        origin=source.pixel_origin,
-        coefficients=source.calibration_origin,
-        height_px=source.image_height_px,
-        usual=source.usual_origin,
-    )
-    film = replace(source.having(ideal=rows.ideal(source.cameras, source.data["pixels"].values)), rows=rows)
-    known = source.pixel_origin or source.usual_origin or all(camera.lens is None for camera in source.cameras)
-    return film if known else replace(film, readings=(*film.readings, sentences.unknown_corner(rows.pixels)))
 
 
 def track_one_camera(
@@ -74,7 +45,7 @@ def track_one_camera(
             f"{source.where}: {seen}: 3D points need two or more views, or a model of the animal learned from "
             "recordings with more (mocap learn): give `model`"
         )
-    film, skeleton, names = undistorted_alone(source), source.skeleton, source.names
+    film, skeleton, names = source, source.skeleton, source.names
     learned = renamed(learned, skeleton.renamed(learned.names))
     t_s, uv = film.t_s, film.ideal_px
     empty = MarkerTrial(

@@ -1,7 +1,7 @@
 """From files to a recording: everything that they hold, or leave open, is decided here."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from inspect import signature
 from os import PathLike
@@ -12,7 +12,7 @@ import numpy as np
 from eal.arrays import unique
 from mocap.calls import check_rate, check_stated
 from mocap.cameras.camera import Camera, check_cameras
-from mocap.cameras.origin import PixelCorner
+from mocap.cameras.origin import OriginError, PixelCorner, PixelOptions
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
 from mocap.findings import Finding, readings
 from mocap.io import dltdv
@@ -27,6 +27,7 @@ from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
 from mocap.pipeline.edits import edited, read_edits
+from mocap.pipeline.ideal_pixels import with_ideal_pixels
 from mocap.pipeline.recording import Recording, dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.skeleton import Skeleton, is_model, read_skeleton
@@ -86,13 +87,19 @@ def read(
 
     Raises:
         FormatError: a file cannot be read, or an edit names what is not in it.
-        CalibrationError: pixels and calibration do not belong together.
+        CalibrationError: pixels and calibration do not belong together, or what was to be estimated cannot be.
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
     """
-    numbers = {"fps": fps, "pixel_sd": pixel_sd, "image_height_px": image_height_px, "mm_per_px": mm_per_px}
-    for name, number in numbers.items():
+    for name, number in {"fps": fps, "pixel_sd": pixel_sd, "mm_per_px": mm_per_px}.items():
         check_stated(name, number)
+    options = PixelOptions(
+        origin=origin,
+        calibration_origin=calibration_origin,
+        image_height_px=image_height_px,
+        correct_lag=correct_lag,
+        fit_lens=fit_lens,
+    )
     files, crops = _paths("tracks", tracks), _paths("crop", crop)
     if not files:
         raise MocapError(f"`tracks` is {tracks!r}, expected a file, or several")
@@ -121,16 +128,11 @@ def read(
         inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
         stored=_stored(contents, cameras, files[0], points),
         unit=unit,
-        pixel_origin=origin,
-        usual_origin=contents.pixel_origin,
-        calibration_origin=calibration_origin,
-        image_height_px=image_height_px,
         pixel_sd=pixel_sd,
-        correct_lag=correct_lag,
-        fit_lens=fit_lens,
+        options=replace(options, usual=contents.pixel_origin),
         mm_per_px=mm_per_px,
     )
-    return found if log is None else edited(found, read_edits(log), where=log.name)
+    return with_ideal_pixels(found if log is None else edited(found, read_edits(log), where=log.name))
 
 
 OPTIONS = {name: OTHER_OPTIONS.get(name, "--" + name.replace("_", "-")) for name in {**signature(read).parameters}}
@@ -141,6 +143,40 @@ del OPTIONS["tracks"], OPTIONS["hints"]
 def in_options(text: str) -> str:
     """A sentence of a report, which names arguments of ``read``, as files and pages name them: by their options."""
     return with_options(text, OPTIONS)
+
+
+def of_session(trials: Iterable[Callable[..., Recording | None]]) -> Iterator[Recording]:
+    """Recordings of one session, read one after the other.
+
+    Where the pixels of one do not tell which corner they are counted from the others tell, and it comes last.
+
+    Args:
+        trials: Each reads one, with ``origin`` and ``calibration_origin`` where these are known; None: it is left out.
+
+    Raises:
+        OriginError: the others do not tell, either.
+    """
+    doubt: list[tuple[Callable[..., Recording | None], OriginError]] = []
+    decisions = set()
+    for trial in trials:
+        try:
+            recording = trial()
+        except OriginError as error:
+            doubt.append((trial, error))
+            continue
+        if recording is None:
+            continue
+        if recording.rows is not None:
+            decisions.add((recording.rows.pixels, recording.rows.coefficients))
+        yield recording
+    for trial, error in doubt:
+        if len(decisions) != 1:
+            raise error
+        ((corner, calibrated),) = decisions
+        recording = trial(origin=corner, calibration_origin=calibrated)
+        same = Finding(kind="pixel origin", text=f"pixel origin {corner}, as in the other recordings of this session")
+        if recording is not None:
+            yield replace(recording, findings=(same, *recording.findings))
 
 
 def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None, hints: Hints) -> FileContents:

@@ -6,7 +6,7 @@ from functools import cached_property
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,8 +17,8 @@ from eal.over_time import OverTime, at_frames
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens
 from mocap.calls import check_stated
-from mocap.cameras import origin
 from mocap.cameras.camera import Camera, stacked
+from mocap.cameras.origin import PixelOptions, PixelOrigin
 from mocap.cleaning.camera_health import BadTime
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 from mocap.cleaning.swaps import Swap
@@ -133,16 +133,12 @@ class Recording:
         inputs: All files that the user named.
         stored: Positions of a file that are compared with those of the pixels; None: there are none.
         unit: Unit of lengths, as the user states it.
-        pixel_origin: Where pixel rows are counted from, as the user states it.
-        usual_origin: The same, as the program that wrote the file counts them.
-        calibration_origin: The same for the coefficients.
-        image_height_px: Image height for flips.
         pixel_sd: Standard deviation of a pixel; None: estimated.
-        correct_lag: Whether cameras that run late by the audit are read between their frames.
-        fit_lens: Whether radial distortion is estimated from the recording and corrected.
+        options: What is stated of the pixels.
         mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions are pixels.
         cleaned: Whether ``clean`` has made it; all that follows is known only then.
-        rows: Where pixel rows are counted from, as decided; None: not yet.
+        rows: Where pixel rows are counted from, as decided when it was read; None: without two cameras that see
+            something, or where its pixels cannot tell (``clean`` says so).
         lens: What was estimated of the lenses from the pixels themselves, and taken out; None: nothing.
         plane: The image of one video, in which positions are; None: they are in space.
         jitter_px: Standard deviation of a coordinate of a pixel, from frame to frame; NaN without cameras.
@@ -176,16 +172,11 @@ class Recording:
     inputs: tuple[Path, ...] = ()
     stored: FileContents | None = None
     unit: str | None = None
-    pixel_origin: origin.PixelCorner | None = None
-    usual_origin: origin.PixelCorner | None = None
-    calibration_origin: origin.PixelCorner | None = None
-    image_height_px: float | None = None
     pixel_sd: float | None = None
-    correct_lag: bool = False
-    fit_lens: bool = False
+    options: PixelOptions = field(default_factory=PixelOptions)
     mm_per_px: float | None = None
     cleaned: bool = False
-    rows: origin.PixelOrigin | None = None
+    rows: PixelOrigin | None = None
     lens: TrackLens | None = None
     plane: Plane | None = None
     jitter_px: float = np.nan
@@ -205,12 +196,8 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Check what is stated."""
-        for name in ("pixel_sd", "image_height_px", "mm_per_px"):
+        for name in ("pixel_sd", "mm_per_px"):
             check_stated(name, getattr(self, name))
-        for name in ("pixel_origin", "calibration_origin"):
-            corner, corners = getattr(self, name), get_args(origin.PixelCorner)
-            if corner not in (None, *corners):
-                raise MocapError(f"`{name.removeprefix('pixel_')}` is {corner!r}, expected {' or '.join(corners)}")
         if self.mm_per_px is not None and not self.planar:
             raise MocapError("`mm_per_px` is the scale of one video without a calibration: leave it out")
 
@@ -646,30 +633,6 @@ def of_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str) -> Recordi
     """A recording of positions in metres that are in memory, named as the skeleton names them."""
     data = dataset(tracks.names, tracks.t_s, points=tracks, space_unit="m")
     return Recording(name=name, data=data, skeleton=skeleton)
-
-
-def of_pixels(
-    pixels: PixelTracks,
-    cameras: Sequence[Camera],
-    skeleton: Skeleton | None = None,
-    *,
-    name: str,
-    score: Array | None = None,
-    **stated: object,
-) -> Recording:
-    """A recording of pixels that are in memory.
-
-    Args:
-        pixels: As digitised, named as the skeleton names them.
-        cameras: Their cameras, in the same order.
-        skeleton: What is known of the animal; None: the markers.
-        name: Of the recording.
-        score: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
-        **stated: Other fields of ``Recording``.
-    """
-    animal = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
-    data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
-    return Recording(name=name, data=data, skeleton=animal, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
 
 
 def as_recording(given: Any, verb: str) -> Recording:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.filters.models.registry import NAMED
-from mocap.pipeline.by_hand import straightened, without_hand
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.ideal_pixels import straightened, without_hand
 from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.tracking import learn_motion, track, with_track
 from mocap.records import MarkerTracks, Status, marker_tracks
@@ -37,7 +37,7 @@ def tracked_again(
     to solve again.
 
     Args:
-        recording: With edits; of pixels also with what was decided of them (``with_ideal_pixels``).
+        recording: With edits.
         tracks: Of the whole, as they were: how these markers accelerate.
         sd_px: Standard deviation of a coordinate of a pixel.
         markers: Which.

@@ -11,7 +11,8 @@ from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
 from mocap.pipeline import sentences
-from mocap.pipeline.cleaning import audit_points, with_ideal_pixels
+from mocap.pipeline.cleaning import audit_points
+from mocap.pipeline.ideal_pixels import with_rays, without_lens
 from mocap.pipeline.recording import Recording
 from mocap.records import marker_tracks
 
@@ -67,7 +68,7 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     """
     if not source.filmed:
         raise MocapError(f"{source.where}: pixels need the calibration of their cameras: give `calibration`")
-    film = with_ideal_pixels(source, iterations=None if refine else 3)
+    film = with_rays(source)
     assert film.rows is not None  # it was decided
     if refine:
         found = triangulate.robust(film.matrices, film.ideal_px, least_px=source.pixel_sd)
@@ -75,7 +76,8 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         cov = found.cov_m2 * ((source.pixel_sd or found.sd_px) / found.sd_px) ** 2
         contradicted = sentences.contradiction(source.pixel_sd, low_px=found.shown_px, high_px=found.shown_px)
     else:
-        xyz, residual = linear_in_blocks(film.matrices, film.ideal_px)
+        ideal = without_lens(film, film.data["pixels"].values, iterations=3)
+        xyz, residual = linear_in_blocks(film.matrices, ideal)
         contradicted, cov = [], None
     tracks = marker_tracks(film.names, film.t_s, xyz, cov_m2=cov)
     _, findings = audit_points(film)
@@ -90,7 +92,6 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
             *contradicted,
             *film.findings,
             *film.readings,
-            sentences.pixel_origin(film.rows),
             *findings,
         ),
     )

@@ -40,7 +40,6 @@ def figure_15a(*, quick: bool) -> Figure:
         for error in (constraint, errors(experiment, noisy, penalties[-1:])[0][0])
     )
     verdict = judged(
-        "15a",
         _EXACT,
         "the curves for N = 50 .. 800 agree within 2 %",
         f"{100 * spread:.2g} %",
@@ -77,7 +76,6 @@ def figure_15b(*, quick: bool) -> Figure:
     rate = slope(counts[counts >= 100].astype(float), offset[counts >= 100])
     verdicts = (
         judged(
-            "15b",
             _NOISY,
             "the plateau falls with N: its slope over all draws is below 0 by two standard errors",
             f"{fall:.2f} +- {doubt:.2f}, medians " + ", ".join(f"{p:.2g}" for p in plateaus) + " m",
@@ -87,7 +85,6 @@ def figure_15b(*, quick: bool) -> Figure:
             faulty=(-fall, doubt),
         ),
         judged(
-            "15b",
             _NOISY,
             "the valley of V is off the set as N^-1/2 (slope -0.6 to -0.4)",
             f"{rate:.2f}, from {offset[0]:.2g} to {offset[-1]:.2g} m",
@@ -130,12 +127,12 @@ def _figure(
     return Figure(
         name=name,
         table=error_table(axes, constraint, state, delta=DELTA_M),
-        verdicts=v_verdicts(name, lams, penalties, constraint),
+        verdicts=v_verdicts(lams, penalties, constraint),
         draw=lambda canvas: log_log(canvas, curves, x_label="λ", y_label=y_label, title=title, slope=None),
     )
 
 
-def v_verdicts(figure: str, lams: Array, penalties: Array, constraint: Array) -> tuple[Verdict, ...]:
+def v_verdicts(lams: Array, penalties: Array, constraint: Array) -> tuple[Verdict, ...]:
     """The V: lambda falls along the first axis of errors (lambda, penalty, seed)."""
     low, high = 0.8, 1.2
 
@@ -165,7 +162,6 @@ def v_verdicts(figure: str, lams: Array, penalties: Array, constraint: Array) ->
     where, doubt = places(constraint)
     return (
         judged(
-            figure,
             _V,
             "for every eps both ends of the curve lie above its minimum by more than the seeds' spread there",
             "least rise " + ", ".join(f"{r:.2g}" for r in rises(constraint)) + f", spread {_spread(constraint):.2g}",
@@ -175,7 +171,6 @@ def v_verdicts(figure: str, lams: Array, penalties: Array, constraint: Array) ->
             faulty=np.minimum.accumulate(constraint, axis=0),
         ),
         judged(
-            figure,
             "The right is dominated by the approximation error that decreases (super)linearly on the plot.",
             f"the right arm, above three times the minimum, has slope {low} to {high}",
             f"{right(constraint):.2f}",
@@ -185,7 +180,6 @@ def v_verdicts(figure: str, lams: Array, penalties: Array, constraint: Array) ->
             faulty=right(np.sqrt(constraint)),
         ),
         judged(
-            figure,
             "Optimal estimates are obtained by equilibrating these two contributions.",
             "the minimum is at a smaller lambda for the smallest eps than for the largest, moves to no larger one "
             "between, and is the same at the last two eps, by two standard errors over seeds",

@@ -56,7 +56,6 @@ def _alike(flights_deg: Mapping[str, Sequence[Array]]) -> tuple[Verdict, ...]:
     found = compare(bats, lizards, names=["elbow"], units=["°"])
     return (
         judged(
-            "8",
             _LIZARD,
             f"the elbow's ranges in {len(bats)} flights of bats and {len(lizards)} walks of lizards overlap by half",
             found.lines()[1],
@@ -66,7 +65,6 @@ def _alike(flights_deg: Mapping[str, Sequence[Array]]) -> tuple[Verdict, ...]:
             faulty=compare(bats, noise),
         ),
         judged(
-            "8",
             _LIZARD,
             "yet they differ: the two kinds lie farther apart than flights and walks of one kind (p at most 0.05)",
             found.lines()[0],
@@ -103,7 +101,7 @@ def _landscape(name: str, samples_m: Array, title: str, *, quick: bool) -> Figur
     return Figure(
         name=name,
         table=long_table({"q2": y, "q1": x}, value=v),
-        verdicts=joint_verdicts(name, samples_m, x, y, v),
+        verdicts=joint_verdicts(samples_m, x, y, v),
         draw=lambda canvas: landscape(
             canvas, 1e3 * x, 1e3 * y, v, 1e3 * samples_m, unit="mm", title=f"Fig. {name}: {title}, N = {len(samples_m)}"
         ),
@@ -116,11 +114,10 @@ def _map(samples_m: Array, x: Array, y: Array, *, widths: float) -> Array:
     return potential.value(np.stack(np.meshgrid(x, y), axis=-1) / scale)
 
 
-def joint_verdicts(name: str, samples_m: Array, x: Array, y: Array, v: Array) -> tuple[Verdict, ...]:
+def joint_verdicts(samples_m: Array, x: Array, y: Array, v: Array) -> tuple[Verdict, ...]:
     """What a map of a joint must show, whichever the joint: a valley, as wide as the kernel, on the flexor's side.
 
     Args:
-        name: Of the figure.
         samples_m: (N, 2) samples in metres, in the order of time.
         x: (n,) first coordinate of the map, in metres.
         y: (m,) second coordinate.
@@ -131,7 +128,6 @@ def joint_verdicts(name: str, samples_m: Array, x: Array, y: Array, v: Array) ->
     distance = _rise(samples_m, x, y, v)
     return (
         judged(
-            name,
             _RANGE,
             "the samples are a valley: learned from their first half, V is on average lower at the second half than it "
             f"is with their coordinates shuffled, in each of {SHUFFLES} ways",
@@ -142,7 +138,6 @@ def joint_verdicts(name: str, samples_m: Array, x: Array, y: Array, v: Array) ->
             faulty=_valley(shuffled),
         ),
         judged(
-            name,
             _RANGE,
             "on the map V rises to 1 - 1/e at a quarter of the samples' median distance from the nearest of them, "
             "within a factor of the square root of 2",
@@ -153,7 +148,6 @@ def joint_verdicts(name: str, samples_m: Array, x: Array, y: Array, v: Array) ->
             faulty=_rise(samples_m, x, y, _map(samples_m, x, y, widths=2.0)),
         ),
         judged(
-            name,
             _RANGE,
             "the second coordinate is across the arm: never negative, as the first is where the elbow is folded",
             f"least {1e3 * samples_m[:, 0].min():.2g} and {1e3 * samples_m[:, 1].min():.2g} mm",
@@ -210,7 +204,6 @@ def figure_20(samples_m: Array, *, quick: bool) -> Figure:  # noqa: ARG001
     verdicts = (
         *_landscape("20", samples_m, "lizard", quick=True).verdicts,
         judged(
-            "20",
             _PATH,
             "the mean distance to the samples falls with 1/eps^2 for every lambda",
             "; ".join(f"{1e3 * m[0]:.2g} to {1e3 * m[-1]:.2g} mm" for m in mean),
@@ -220,7 +213,6 @@ def figure_20(samples_m: Array, *, quick: bool) -> Figure:  # noqa: ARG001
             faulty=mean[:, ::-1],
         ),
         judged(
-            "20",
             _PATH,
             "it levels off at the width of the cloud: the last decade of 1/eps^2 gains less than the first",
             ", ".join(f"{a:.2g} then {b:.2g} times" for a, b in zip(*falls, strict=True)),
@@ -230,7 +222,6 @@ def figure_20(samples_m: Array, *, quick: bool) -> Figure:  # noqa: ARG001
             faulty=falls[::-1],
         ),
         judged(
-            "20",
             _PATH,
             "thrown along the valley with 4 J, V stays below V(q0) + 4 J eps^2 (theorem 3, to 1 % for the integrator) "
             "and reaches 0.8 of it, where the valley ends",

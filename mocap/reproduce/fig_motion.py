@@ -45,7 +45,6 @@ def _trajectories(name: str, recording: SyntheticRecording, title: str) -> Figur
     arms = [np.linalg.norm(joints[elbow] - joints["shoulder_l"], axis=1) for elbow in ("elbow_l", "wrist_l")]
     vary, wrong = (float(np.std(arm) / np.mean(arm)) for arm in arms)
     verdict = judged(
-        name,
         _RIGID,
         "markers on skin keep the length of the upper arm within 5 % (standard deviation)",
         f"{1e3 * np.mean(arms[0]):.1f} mm, {100 * vary:.1f} %",
@@ -69,7 +68,6 @@ def _pendulum(name: str, experiment: Experiment, title: str) -> Figure:
     noisy = experiment.samples(N, delta=DELTA_M, rng=np.random.default_rng(0))
     off = experiment.violation(noisy)
     verdict = judged(
-        name,
         "The samples are taken along the actual trajectory, free from noise and with uniform noise.",
         "samples without noise lie on the set to 1e-8 m, noisy ones about the noise's share of delta off it",
         f"largest {experiment.violation(exact).max():.1g} m, noisy mean {off.mean() / DELTA_M:.2f} delta",

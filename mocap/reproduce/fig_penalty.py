@@ -46,14 +46,12 @@ def figure_14a(*, quick: bool) -> Figure:
     generic = slope(penalties[left], pushed[0, 0][left])
     verdicts = (
         _slope(
-            "14a",
             "slope at most -1/2 left of the plateau (-1.00 at rest on the set)",
             (rate, generic),
             (-1.05, -0.95),
             control="a start with 1 m/s across the set",
         ),
         judged(
-            "14a",
             "The slope of the reference line is -1/2.",
             "with 1 m/s across the set the generic rate -1/2 appears",
             f"{generic:.2f}",
@@ -63,7 +61,6 @@ def figure_14a(*, quick: bool) -> Figure:
             faulty=rate,
         ),
         judged(
-            "14a",
             _REST_SLOPE,
             f"sup |r-1| at 1/eps^2 = 1e6 is g sin(theta0) eps^2/(2 beta) = {expected:.3g} m within 5 %",
             f"{constraint[-1, -1]:.3g} m",
@@ -73,7 +70,6 @@ def figure_14a(*, quick: bool) -> Figure:
             faulty=constraint[-1, -2],
         ),
         judged(
-            "14a",
             "Equation 33: the norm of the difference of the two trajectories in C[0, T] is O(eps).",
             "the full state error falls with 1/eps^2 up to 1e6, as the constraint error does (lambda = 1e-6)",
             f"least {state[4].min():.2g} at {turn:.1g}, {state[4, -1]:.2g} at 1e6: "
@@ -84,7 +80,6 @@ def figure_14a(*, quick: bool) -> Figure:
             faulty=constraint[4][::-1],
         ),
         judged(
-            "14a",
             _PLATEAU,
             "plateaus fall with lambda = 1e-2 .. 1e-5 and are V(q0)/(2 beta) within a factor 2.5",
             ", ".join(f"{p:.2g}" for p in plateaus)
@@ -123,10 +118,9 @@ def _noisy(
     return found, np.median(found[0][:, -1], axis=1), exact[0, :, 0]
 
 
-def _levels_off(name: str, i: int, plateaus: Array, exact: Array, more: str = "") -> Verdict:
+def _levels_off(i: int, plateaus: Array, exact: Array, more: str = "") -> Verdict:
     """Of noisy plateaus from the i-th lambda, 1e-(i + 2), to the next."""
     return judged(
-        name,
         _NOISE,
         f"from lambda = 1e-{i + 2} to 1e-{i + 3} the plateau no longer falls tenfold, but by less than the root of it",
         f"ratio {plateaus[i] / plateaus[i + 1]:.2f}, without noise {exact[i] / exact[i + 1]:.2f}{more}",
@@ -144,7 +138,6 @@ def figure_14b(*, quick: bool) -> Figure:
     best = float(plateaus.min())
     verdicts = (
         judged(
-            "14b",
             _NOISE,
             f"the lowest plateau is the noise floor, 0.03 to 0.3 of delta = {DELTA_M:g} m",
             f"{best / DELTA_M:.2f} delta at lambda = {lams[int(np.argmin(plateaus))]:.0e}",
@@ -153,7 +146,7 @@ def figure_14b(*, quick: bool) -> Figure:
             control="samples without noise",
             faulty=float(exact.min()),
         ),
-        _levels_off("14b", 2, plateaus, exact),
+        _levels_off(2, plateaus, exact),
     )
     return against_penalty("14b", "lambda", lams, penalties, found, verdicts)
 
@@ -175,14 +168,12 @@ def figure_19a(*, quick: bool, spans_s: Sequence[float] = SPANS_S) -> Figure:
         over = f"samples over {span_s:g} s: "
         verdicts += [
             _slope(
-                "19a",
                 f"{over}slope at most -1/2 left of the plateau (about -1)",
                 (rate, slope(penalties[~left], constraint[0][~left])),
                 (-1.1, -0.85),
                 control="the plateau at the largest lambda",
             ),
             judged(
-                "19a",
                 "We observe the same qualitative behavior of the dependence of the error on the parameters.",
                 f"{over}plateaus fall with lambda",
                 ", ".join(f"{p:.2g}" for p in plateaus) + " m",
@@ -216,16 +207,13 @@ def figure_19b(*, quick: bool) -> Figure:
     """Spherical pendulum, noisy samples."""
     lams, penalties = np.logspace(-2, -6, 5), np.logspace(2, 6, 5 if quick else 9)
     found, plateaus, exact = _noisy(spherical(), lams, penalties, 1 if quick else 3)
-    verdict = _levels_off("19b", 3, plateaus, exact, f"; lowest {plateaus.min() / DELTA_M:.2f} delta")
+    verdict = _levels_off(3, plateaus, exact, f"; lowest {plateaus.min() / DELTA_M:.2f} delta")
     return against_penalty("19b", "lambda", lams, penalties, found, (verdict,), y_label=SPHERE)
 
 
-def _slope(
-    figure: str, claim: str, found: tuple[float, float], limits: tuple[float, float], *, control: str
-) -> Verdict:
+def _slope(claim: str, found: tuple[float, float], limits: tuple[float, float], *, control: str) -> Verdict:
     """Of a slope within limits; the second of ``found`` is the control's."""
     return judged(
-        figure,
         _REST_SLOPE,
         claim,
         f"{found[0]:.2f}",

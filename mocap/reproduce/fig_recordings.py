@@ -49,10 +49,9 @@ def _figure(name: str, tracked: Tracked, title: str) -> Figure:
     raw = np.abs(tracked.seen.q - truth)
     highest = (float(track.value[track.measured > 0].max()), float(tracked.model.penalty.value(truth[there]).max()))
     verdicts = [
-        _share(name, tracked, measured, "measured"),
-        *([_share(name, tracked, hidden, "hidden in all cameras")] if hidden.sum() >= 30 else []),
+        _share(tracked, measured, "measured"),
+        *([_share(tracked, hidden, "hidden in all cameras")] if hidden.sum() >= 30 else []),
         judged(
-            name,
             _INSIDE,
             "the track is nearer to the truth than the converted markers, in every coordinate (RMS, measured)",
             _listed(_rms(off[measured])) + " against " + _listed(_rms(raw[np.isfinite(raw).all(axis=1)])),
@@ -62,7 +61,6 @@ def _figure(name: str, tracked: Tracked, title: str) -> Figure:
             faulty=_rms(np.abs(track.q[:-1] - truth[1:])[measured[1:] & measured[:-1]]),
         ),
         judged(
-            name,
             _BOUND,
             "V_z at the true coordinates and along the track, where measured, is below the bound of a release at "
             + ("its most energetic state" if tracked.name == "wrist" else "its first state"),
@@ -73,7 +71,7 @@ def _figure(name: str, tracked: Tracked, title: str) -> Figure:
             control="coordinates of twice the size",
             faulty=(float(tracked.model.penalty.value(2.0 * truth[there]).max()),),
         ),
-        *_released(name, tracked),
+        *_released(tracked),
     ]
     labels = [f"q{i + 1}" for i in range(truth.shape[1])]
     table = {"t_s": track.t_s, "measured": track.measured.astype(float), "V": track.value}
@@ -88,7 +86,7 @@ def _figure(name: str, tracked: Tracked, title: str) -> Figure:
     )
 
 
-def _share(name: str, tracked: Tracked, frames: Array, which: str) -> Verdict:
+def _share(tracked: Tracked, frames: Array, which: str) -> Verdict:
     """Intervals that hold; of the few gaps, in which errors are all alike, an upper limit would say nothing."""
     most = 0.99 if which == "measured" else 1.0
     share = tracked.inside[frames].mean(axis=0)
@@ -96,7 +94,6 @@ def _share(name: str, tracked: Tracked, frames: Array, which: str) -> Verdict:
     off = np.abs(tracked.track.q - tracked.seen.truth)[frames]
     narrow = float((off <= 0.5 * Z95 * tracked.track.sd[frames]).mean())
     return judged(
-        name,
         _INSIDE,
         f"90 to {100 * most:.0f} % of the true coordinates are inside, {which} ({int(frames.sum())} frames)",
         f"{100 * mean:.0f} % (" + ", ".join(f"{100 * s:.0f}" for s in share) + ")",
@@ -107,7 +104,7 @@ def _share(name: str, tracked: Tracked, frames: Array, which: str) -> Verdict:
     )
 
 
-def _released(name: str, tracked: Tracked) -> list[Verdict]:
+def _released(tracked: Tracked) -> list[Verdict]:
     """Energy and V_z of the model released at the track's first state, at three steps of the integrator."""
     model, q, v = tracked.model, tracked.track.q[0], tracked.track.v[0]
     h = float(np.diff(tracked.track.t_s).mean()) / substeps(model, q, float(np.diff(tracked.track.t_s).mean()))
@@ -124,7 +121,6 @@ def _released(name: str, tracked: Tracked) -> list[Verdict]:
     thrown = simulate_midpoint(model, q, faster, duration_s=RELEASED_S, h_s=0.125 * h)
     return [
         judged(
-            name,
             _ENERGY,
             "its error falls with the step as the order of the midpoint rule, 1.7 to 2.3",
             f"{order:.2f}, {', '.join(f'{d:.2g}' for d in drifts)} J at steps of {0.5 * h:.2g} s and halves",
@@ -134,7 +130,6 @@ def _released(name: str, tracked: Tracked) -> list[Verdict]:
             faulty=0.5 * order,
         ),
         judged(
-            name,
             _BOUND,
             f"released without noise for {RELEASED_S:g} s it stays below the bound",
             f"V_z up to {peaks[-1]:.3g}, bound {bound:.3g}, {bound / peaks[-1]:.2g} times loose; energy error over "

@@ -51,7 +51,6 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
     limit = normal_force_errors(experiment, 10.0)[1] / penalty
     verdicts = (
         judged(
-            "13",
             _FIG13,
             "sup |r-1| over 10 s is that of the force across the set, (max |F| + |F(0)|) eps^2/(4 beta) = "
             f"{limit:.3g} m, within 5 %",
@@ -62,7 +61,6 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
             faulty=0.5 * peak[0],
         ),
         judged(
-            "13",
             _FIG13,
             "RK4 keeps the energy to a millionth of what the motion exchanges (h = 1e-4 s)",
             f"{drift[0]:.2g} J of {exchanged:.3g} J",
@@ -72,7 +70,6 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
             faulty=penalty * np.ptp(potentials[0].value(q[:, 0])),
         ),
         judged(
-            "13",
             _OVERLAY,
             "with the printed lambda = 1e-6 (of K/N) theta overlays the truth within 0.1 rad",
             f"{swing[0]:.2g} rad off",
@@ -82,7 +79,6 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
             faulty=np.abs(truth[:, 1] - truth[0, 1]).max(),
         ),
         judged(
-            "13",
             _OVERLAY,
             "with lambda = 1e-6 in units of K, the literal equation 31 (2.5e-9 of K/N), it does",
             f"{swing[2]:.2g} rad off ({swing[1]:.2g} at 1e-8 of K/N, {swing[3]:.2g} at 1e-10)",
@@ -137,7 +133,6 @@ def figure_16(*, quick: bool) -> Figure:  # noqa: ARG001
     share = constraint[-1, 0][allowed] * penalties[allowed] / most
     verdicts = (
         judged(
-            "16",
             "Cases with different final time, without noise: the same trends.",
             "up to 1/eps^2 = 1e4 the error at 0.5 s is that of the force across the set, F = m theta'^2 - m g "
             f"sin theta: between {least / most:.2f} and 1 times (max |F| + |F(0)|) eps^2/(4 beta), within 5 %",
@@ -148,7 +143,6 @@ def figure_16(*, quick: bool) -> Figure:  # noqa: ARG001
             faulty=2.0 * share,
         ),
         judged(
-            "16",
             _GROWTH,
             f"growth from 0.05 to {end:g} s is integration error: a step {ratio[0]:g} times as long halves it",
             f"growth {ratio[1]:.3f} times, {ratio[2]:.3f} with the shorter step: it is the motion's own",
@@ -195,7 +189,6 @@ def figure_17(*, quick: bool) -> Figure:
     plateau = np.median(constraint[:, :, -1], axis=1)
     verdicts = (
         judged(
-            "17",
             "The qualitative trends are quite close to those in which λ is decreased.",
             f"the plateau is the noise floor, 0.03 to 0.3 of delta = {DELTA_M:g} m, at every T",
             ", ".join(f"{p / DELTA_M:.2f}" for p in plateau) + " delta",

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -120,9 +120,9 @@ def reproduce(
                 made.append(fig_joints.figure_7(real_bat_m, quick=quick, name="7_real"))
             for figure in made:
                 write_figure(figure, out)
-                verdicts.extend(figure.verdicts)
                 for verdict in figure.verdicts:
-                    progress(verdict.line())
+                    verdicts.append(replace(verdict, figure=figure.name))
+                    progress(verdicts[-1].line())
     text = json.dumps([asdict(v) for v in verdicts], indent=1, ensure_ascii=False)
     (out / "verdicts.json").write_text(text, encoding="utf-8")
     # A line for every figure of the paper: its file and how many of its claims hold, or where else it is

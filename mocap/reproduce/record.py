@@ -22,7 +22,7 @@ class Verdict:
     """One claim about a figure, and whether the numbers bear it out.
 
     Attributes:
-        figure: Figure of the paper: ``14a``; or ``theorem1``.
+        figure: Figure of the paper, ``14a``, or ``theorem1``: whose it is once the figure is written.
         sentence: The paper's words, or words close to them.
         claim: What was checked, with the expected number.
         measured: What came out.
@@ -31,7 +31,7 @@ class Verdict:
         refused: Whether it does not.
     """
 
-    figure: str
+    figure: str = ""
     sentence: str
     claim: str
     measured: str
@@ -50,7 +50,6 @@ T = TypeVar("T")
 
 
 def judged(
-    figure: str,
     sentence: str,
     claim: str,
     measured: str,
@@ -63,8 +62,7 @@ def judged(
     """A verdict by a test that is also put to what it must refuse.
 
     Args:
-        figure: As in ``Verdict``; so are the next three.
-        sentence: See there.
+        sentence: As in ``Verdict``; so are the next two.
         claim: See there.
         measured: See there.
         test: Whether numbers bear the claim out.
@@ -73,7 +71,6 @@ def judged(
         faulty: Numbers for which the claim is false, whatever ``found`` is.
     """
     return Verdict(
-        figure=figure,
         sentence=sentence,
         claim=claim,
         measured=measured,

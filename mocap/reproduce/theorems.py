@@ -93,7 +93,6 @@ def theorem_1(*, quick: bool) -> Figure:
     exponent = np.log(2.0 / flipped) / (FAR_COUNTS[:, None] * far_gap**2 / 32.0)
     verdicts = (
         judged(
-            "theorem1",
             _ONE,
             f"as printed (equation 8) it is below 1 for some eta up to 1 at N = {', '.join(map(str, COUNTS))}",
             f"least {printed.min():.2g}: it says nothing",
@@ -103,7 +102,6 @@ def theorem_1(*, quick: bool) -> Figure:
             faulty=np.ones_like(printed).min(),
         ),
         judged(
-            "theorem1",
             _ONE,
             f"corrected (errata 5 to 7) no share of {deviations.shape[1]} draws on the circle exceeds it, nor the "
             "probability for two far points, and it says something from N = 22.2/gap^2 on",
@@ -154,7 +152,6 @@ def theorem_2(*, quick: bool) -> Figure:
     wrong, _ = slope_with_error(np.repeat(counts, deviations.shape[1]), deviations.reshape(-1) ** 2)
     verdicts = (
         judged(
-            "theorem2",
             _TWO,
             "the mean over draws on the circle falls as N^-1/2 (slope -0.55 to -0.45)",
             f"{rate:.2f} +- {doubt:.2f}",
@@ -164,7 +161,6 @@ def theorem_2(*, quick: bool) -> Figure:
             faulty=wrong,
         ),
         judged(
-            "theorem2",
             _TWO,
             "with C = 2 (errata 9) it is above the mean at every N on the circle, and for two far points",
             "bound over mean on the circle "
@@ -220,7 +216,6 @@ def theorem_3(*, quick: bool) -> Figure:
     peaks, printed, right = (np.array(x) for x in zip(*rows, strict=True))
     verdicts = (
         judged(
-            "theorem3",
             _THREE,
             "as printed, V <= eps^2 (T0 + U0), it holds for releases from rest, level and at pi/6",
             f"level: bound {printed[0].max():.2g}, V up to {peaks[0].max():.2g}; at pi/6 V over bound up to "
@@ -231,7 +226,6 @@ def theorem_3(*, quick: bool) -> Figure:
             faulty=np.minimum(printed[:2], 0.1 * right[:2]),
         ),
         judged(
-            "theorem3",
             _THREE,
             "corrected, V <= V(q0) + eps^2 (T0 + U0 - min U) (errata 13), it holds at every 1/eps^2",
             "least looseness "

@@ -11,11 +11,10 @@ from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, series_view
 from mocap.rerun.columns import log_over_time, single, ui
 from mocap.rerun.layout import Layout
+from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.over_plane import FLIP, log_moving, log_picture, plane_view
 from mocap.rerun.scene_views import eye, world_view
 
-ELLIPSE_SD = 2.0
-"""Half axes of the ellipse of the state, in standard deviations."""
 REACH = 0.35
 """Length of the strongest pulls (99 %), over the radius of the scene."""
 
@@ -60,7 +59,7 @@ def limb_tab(layout: Layout, name: str) -> rrb.Container:
 
 def map_view(layout: Layout, name: str) -> rrb.View:
     """The potential in its two leading coordinates, from above."""
-    title = f"{name}: V_z of the filter, state and {ELLIPSE_SD:g} sd"
+    title = f"{name}: V_z of the filter, state and {ELLIPSOID_SD:g} sd"
     limb = layout.run.limbs[name]
     return plane_view(f"{paths.child(paths.LIMBS, name)}/map", title, limb["x"], limb["y"], layout.trail_frames)
 
@@ -79,9 +78,9 @@ def pull_view(layout: Layout, name: str) -> rrb.View:
 
 
 def ellipses(limb: Limb) -> Array:
-    """(T, P, 2) outlines of ``ELLIPSE_SD`` standard deviations round the state; NaN where it is not known."""
+    """(T, P, 2) outlines of ``ELLIPSOID_SD`` standard deviations round the state; NaN where it is not known."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)
-    circle = ELLIPSE_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    circle = ELLIPSOID_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     finite = np.asarray(np.isfinite(limb["covariance"]).all(axis=(1, 2)))
     value, vectors = np.linalg.eigh(np.where(finite[:, None, None], limb["covariance"], np.eye(2)))
     root = vectors * np.sqrt(np.maximum(value, 0.0))[:, None]

@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.filters.live import LiveEstimate, live, looks
+from mocap.filters.live import LiveEstimate, live
 from mocap.filters.motion.base import MotionModel
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
@@ -192,7 +192,7 @@ class Session:
         first = prepared.place(part)[0].start
         with LiveView(rec, scene, names=part.names, skeleton=prepared.skeleton, first=first) as view:
             # eight frames of hindsight, eight at once: two smoothing steps a frame
-            for estimate in live(model, looks(part.observations(), part.t_s), lag=8, every=8):
+            for estimate in live(model, part.observations(), part.t_s, lag=8, every=8):
                 view.show(estimate)
         dropped = f", {view.dropped} dropped because the viewer was slower" if view.dropped else ""
         trouble = f"; the stream ended early: {view.trouble}" if view.trouble else ""

@@ -73,7 +73,7 @@ def grid_spacing_m(radius_m: float) -> float:
 
 
 ELLIPSOID_SD = 2.0
-"""Half axes of the ellipsoids, in standard deviations."""
+"""Half axes of ellipsoids and ellipses, in standard deviations."""
 
 _RADII = {"measured": 3.5, "filled": 5.0, "rejected": 6.0}
 _FILL_ALPHA = {"measured": 70, "filled": 90, "rejected": 90}

@@ -17,7 +17,6 @@ from mocap.findings import over_blocks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles
 from mocap.pipeline.blocks import BLOCK, blocks_of, learn_excerpts, track_block
-from mocap.pipeline.cleaning import with_ideal_pixels
 from mocap.pipeline.job import reported
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import counts, together
@@ -81,7 +80,6 @@ def write_in_blocks(
     models: Counter[str] = Counter()
     with one_blas_thread(), BlockWriter(folder, fps=1 / recording.dt_s) as writer:
         with stages.stage("learn once"):
-            recording = with_ideal_pixels(recording) if recording.filmed else recording
             excerpts, why = learned is None and model not in NAMED, "as asked"
             if learned is not None:
                 why = f"learned from {', '.join(trial.name for trial in learned.trials[:6])}"

@@ -41,8 +41,7 @@ def flight():
     nobody = cast(Any, None)
     made = Flight(
         name="made",
-        recording=nobody,
-        filmed=cast(Any, Films(matrices, uv)),
+        recording=cast(Any, Films(matrices, uv)),
         likelihood=np.full(uv.shape[:3], 0.9),
         people=(nobody, nobody),
         people_px=np.full((2, *uv.shape), np.nan),

@@ -6,11 +6,11 @@ from mocap.datasets.bats import bat_motion
 from mocap.datasets.disturbances import Disturbances
 from mocap.datasets.film import view
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion
-from mocap.datasets.movie import FIRST_PIXEL, picture, write_movies
+from mocap.datasets.movie import picture, write_movies
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
 from scipy.ndimage import label
 
-from mocap.io.movies import open_movie
+from mocap.io.movies import FIRST_PIXEL, open_movie
 
 SCENES = {
     "bat": (bat_motion(1), tunnel_cameras(2)),

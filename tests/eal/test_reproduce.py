@@ -98,8 +98,8 @@ def test_maps_of_joints_notice_what_is_no_joint(arcs, rng):
     assert not figure_7(noise, quick=True).verdicts[0].holds
     x, y = (np.linspace(a - 0.004, b + 0.004, 60) for a, b in zip(z.min(axis=0), z.max(axis=0), strict=True))
     v = fig_joints._map(z, x, y, widths=1.0)
-    assert [one.holds for one in fig_joints.joint_verdicts("7", z, x, y, v)] == [True, True, True]
-    assert not fig_joints.joint_verdicts("7", z, x, y, v.T)[1].holds
+    assert [one.holds for one in fig_joints.joint_verdicts(z, x, y, v)] == [True, True, True]
+    assert not fig_joints.joint_verdicts(z, x, y, v.T)[1].holds
 
 
 def test_figure_8_compares_trials(arcs):
@@ -191,7 +191,7 @@ def test_verdicts_can_fail():
     def judged(best, power):
         away = np.abs(np.log10(lams)[:, None] - np.log10(best))
         curves = 1e-5 * np.where(lams[:, None] > best, (lams[:, None] / best) ** power, 10 ** (0.3 * away))
-        return [v.holds for v in v_verdicts("11", lams, penalties, curves[:, :, None])]
+        return [v.holds for v in v_verdicts(lams, penalties, curves[:, :, None])]
 
     good = np.array([1e-3, 1e-4, 1e-4, 1e-4])
     assert judged(good, 1.0) == [True, True, True]

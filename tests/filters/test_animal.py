@@ -7,11 +7,11 @@ import pytest
 from mocap.filters.animal import Animal, Moving, Valley
 from mocap.filters.bodies import Bodies, cloud, rod
 from mocap.filters.gaussian import Moments
-from mocap.filters.mechanics import Motion
 from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings, learn_articulated
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.lagrangian import inner_mass, with_lagrangian
 from mocap.filters.motion.base import Step
+from mocap.filters.motion.shape import Motion
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF
 from scipy.linalg import expm

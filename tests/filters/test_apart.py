@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from mocap.datasets.rig import tunnel_cameras
 from mocap.filters.ensemble import Gaussian, default_points, predict, smooth_step, update
-from mocap.filters.models.singer import LastingAcceleration
 from mocap.filters.motion.base import Step
-from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.motion.constant_velocity import ConstantVelocity, LastingAcceleration
 from mocap.filters.observations import PixelObservations, PositionObservations, some_markers
 from mocap.filters.track import smooth
 from mocap.filters.velocities import RatePoints

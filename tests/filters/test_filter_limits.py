@@ -8,7 +8,7 @@ import pytest
 from mocap.filters import one_camera, roughness, track
 from mocap.filters.anatomy import Anatomy, Limb
 from mocap.filters.bodies import rod, rod_masses
-from mocap.filters.bones import rigid_bones
+from mocap.filters.bones import rigid_bones, size_factor
 from mocap.filters.errors import FilterError
 from mocap.filters.first_poses import looks_like
 from mocap.filters.groups import groups_of
@@ -21,7 +21,6 @@ from mocap.filters.neighbours import Neighbours
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, MarkerTrial, known_shapes
 from mocap.filters.rigid import wobble_deg
 from mocap.filters.score import Residuals
-from mocap.filters.size import size_factor
 from mocap.filters.trajectory import Quadratic, most_probable
 from mocap.filters.tree import Tree
 from mocap.filters.whittaker import fastest_hz

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from mocap.filters.models.singer import lasting_acceleration, learn_lasting
-from mocap.filters.motion.constant_velocity import white_acceleration
+from mocap.filters.models.constant_velocity import learn_lasting
+from mocap.filters.motion.constant_velocity import lasting_acceleration, white_acceleration
 
 
 def test_two_half_steps_are_one():

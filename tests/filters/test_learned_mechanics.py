@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.body_axes import BodyFrames
-from mocap.filters.mechanics import linear_shape
 from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
+from mocap.filters.motion.shape import linear_shape
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, pose_trial, residual_memory_s, shapes_of
 
 from tests.filters.test_learned_models import DT_S, flapping

@@ -9,7 +9,7 @@ from mocap.filters.models.registry import NAMED
 
 from mocap.kinematics.points import rate_points_for
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.tracking import learn_motion, seen_part, track
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mocap.filters.body_axes import body_frames
 from mocap.filters.gaussian import Markers
-from mocap.filters.live import live, looks
+from mocap.filters.live import live
 from mocap.filters.models.pose import PoseSettings, learn_pose
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
@@ -46,7 +46,7 @@ def flight(rng, n_frames, *, n_markers=2, gaps=0.3):
 
 def run(model, seen, t_s, **options):
     """All estimates, which come in the order of the frames, each once."""
-    out = list(live(model, looks(seen, t_s), **options))
+    out = list(live(model, seen, t_s, **options))
     assert [e.frame for e in out] == list(range(len(t_s)))
     np.testing.assert_array_equal([e.t_s for e in out], t_s)
     return np.array([e.xyz_m for e in out]), np.array([e.cov_m2 for e in out]), out
@@ -93,11 +93,11 @@ def test_no_lag_is_the_filter():
     looked = []
 
     def watched():
-        for number, frame in enumerate(looks(seen, t_s)):
+        for number, time in enumerate(t_s):
             looked.append(number)
-            yield frame
+            yield time
 
-    for e in live(model, watched(), lag=0):
+    for e in live(model, seen, watched(), lag=0):
         assert looked[-1] == e.frame
         state = filtered[e.frame].state
         markers = Markers(state, model.view(state.mean, e.frame))
@@ -157,9 +157,9 @@ def test_memory_is_flat():
     model, seen, t_s, _ = flight(rng, 120, n_markers=12)
 
     def peak(n_frames, lag):
-        frames = looks(PositionObservations(xyz_m=seen.xyz_m[:n_frames], sd_m=seen.sd_m[:n_frames]), t_s[:n_frames])
+        part = PositionObservations(xyz_m=seen.xyz_m[:n_frames], sd_m=seen.sd_m[:n_frames])
         tracemalloc.start()
-        for _ in live(model, frames, lag=lag):
+        for _ in live(model, part, t_s[:n_frames], lag=lag):
             pass
         size = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
@@ -177,17 +177,17 @@ def test_one_frame_and_none():
     xyz, _, out = run(model, seen, t_s, lag=3)
     same(xyz, smooth(model, seen, t_s).xyz_m)
     assert out[0].ahead == 0
-    assert list(live(model, iter(()), lag=3)) == []
+    assert list(live(model, seen, iter(()), lag=3)) == []
 
 
 def test_wrong_use():
     """Errors say what was expected."""
     model, seen, t_s, _ = flight(np.random.default_rng(8), 3)
     with pytest.raises(ValueError, match="frame 2 at"):
-        list(live(model, looks(seen, t_s[[0, 1, 1]]), lag=1))
+        list(live(model, seen, t_s[[0, 1, 1]], lag=1))
     for lag, every in ((-1, 1), (0, 0)):
         with pytest.raises(ValueError, match="lag must be 0 or more"):
-            list(live(model, looks(seen, t_s), lag=lag, every=every))
+            list(live(model, seen, t_s, lag=lag, every=every))
 
 
 def test_the_smoothed_state_does_not_enter_the_filter():

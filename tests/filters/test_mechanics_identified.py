@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from mocap.filters.mechanics import Motion, joined, linear_shape
-from mocap.filters.motion.shape import LinearShape
+from mocap.filters.motion.shape import LinearShape, Motion, joined, linear_shape
 
 RANK, DT_S = 2, 1 / 240
 STIFFNESS = (2 * np.pi * np.array([[8.0, 1.0], [2.0, 5.0]])) ** 2

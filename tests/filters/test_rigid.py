@@ -7,7 +7,7 @@ import pytest
 from mocap.datasets import make_bat
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.models.base import TrialSet
-from mocap.filters.models.singer import LastingSettings
+from mocap.filters.models.constant_velocity import LastingSettings
 from mocap.filters.observations import PixelObservations, PositionObservations, Sights
 from mocap.filters.rigid import completed, distance_spread, find_bodies, wobble_deg
 from scipy.spatial.transform import Rotation

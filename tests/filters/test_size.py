@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
+from mocap.filters.bones import relative_size, size_factor, sized_like
 from mocap.filters.models.base import TrialSet
-from mocap.filters.size import relative_size, size_factor, sized_like
 
 from tests.filters.test_anatomy import walker
 

@@ -8,7 +8,7 @@ import pytest
 from mocap.audit import alarms, audit_filmed, fit_findings
 from mocap.cameras.arrangement import ArrangementError, find_arrangement
 from mocap.cameras.camera import dlt_coefficients, record
-from mocap.cameras.origin import decide_origin
+from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.records import PixelTracks
 from tests.mocap.rigs import look_at, ring
 from tests.mocap.test_audit import moving
@@ -113,9 +113,11 @@ def test_corners_that_differ_unstated_are_told_loudly():
         decision = decide_origin(
             cameras,
             uv,
-            origin="lower-left" if stated else None,
-            coefficients="upper-left" if stated else None,
-            height_px=HEIGHT,
+            PixelOptions(
+                origin="lower-left" if stated else None,
+                calibration_origin="upper-left" if stated else None,
+                image_height_px=HEIGHT,
+            ),
         )
         flipped = uv * [1, -1] + [0, HEIGHT]
         tracks = PixelTracks(names=tuple("abcde"), cameras=tuple(c.name for c in cameras), t_s=FRAMES / 200, uv_px=uv)

@@ -18,7 +18,7 @@ from mocap.audit import (
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.stored import _one_v_row
 from mocap.cameras.camera import Camera, flipped, project, record, stacked, undistorted
-from mocap.cameras.origin import PixelCorner, decide_origin
+from mocap.cameras.origin import PixelCorner, PixelOptions, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.records import MarkerTracks, PixelTracks, Status
 from tests.mocap.rigs import ring
@@ -39,7 +39,8 @@ class Clean:
         """Findings of the recording with some of it exchanged."""
         cameras = self.cameras if cameras is None else cameras
         pixels = self.pixels if uv_px is None else replace(self.pixels, uv_px=uv_px)
-        decision = decide_origin(cameras, pixels.uv_px, origin=origin, coefficients=origin, height_px=HEIGHT)
+        options = PixelOptions(origin=origin, calibration_origin=origin, image_height_px=HEIGHT)
+        decision = decide_origin(cameras, pixels.uv_px, options)
         return audit_filmed(cameras, pixels, self.ideal(cameras, pixels.uv_px, decision), decision, stored=stored)
 
     def ideal(self, cameras, uv_px, decision):
@@ -108,7 +109,8 @@ def test_clean_recordings_raise_no_alarm(seed, lens):
 def test_twins_raise_no_alarm(make):
     """Recordings of other people's making, with gaps, careless clicks and noise: no fault was put in, none is found."""
     twin = make(seed=3, n_frames=200)
-    decision = decide_origin(twin.cameras, twin.pixels.uv_px, origin="upper-left", coefficients="upper-left")
+    options = PixelOptions(origin="upper-left", calibration_origin="upper-left")
+    decision = decide_origin(twin.cameras, twin.pixels.uv_px, options)
     ideal = undistorted(twin.cameras, twin.pixels.uv_px)
     findings = audit_filmed(twin.cameras, twin.pixels, ideal, decision)
     assert not alarms(findings), [f.text for f in alarms(findings)]

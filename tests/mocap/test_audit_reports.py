@@ -69,8 +69,8 @@ def test_a_fault_is_told_by_info_and_by_tracking(files, spoil, kind, says):
 def test_cameras_are_brought_in_step_only_when_asked(files):
     """Asked, the late camera alone is read between its frames, and the report says so; unasked, pixels stay."""
     tracks, coefficients = files(late_rows)
-    source = read(tracks, calibration=coefficients, fps=200.0)
-    as_is, asked = cleaned(source), cleaned(replace(source, correct_lag=True))
+    how = {"calibration": coefficients, "fps": 200.0}
+    as_is, asked = (cleaned(read(tracks, correct_lag=correct, **how)) for correct in (False, True))
     assert as_is.late_frames is None
     late = asked.late_frames
     assert late is not None

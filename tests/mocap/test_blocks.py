@@ -21,9 +21,10 @@ from mocap.findings import Finding, over_blocks
 from mocap.io.output import result_folder
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.job import track_part
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.recording import Recording, of_pixels, of_points
+from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.tracking import learn_motion, seen_part
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording

@@ -5,11 +5,12 @@ import pytest
 
 import mocap
 from mocap.cameras.camera import record
+from mocap.cameras.origin import PixelOptions
 from mocap.cameras.triangulate import robust
 from mocap.cleaning.bias import carried, hand_sd
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.edits import Edit, edited
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.records import PixelTracks, Status
 from tests.mocap.rigs import ring
 
@@ -31,8 +32,8 @@ def scene(error_px=(2.4, -1.8), wrong=WRONG, late=0.0):
     uv = right + NOISE_PX * rng.normal(size=right.shape)
     uv[0, wrong, 1] += error_px
     pixels = PixelTracks(names=NAMES, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=uv)
-    stated = {"unit": "m", "pixel_origin": "upper-left", "calibration_origin": "upper-left", "correct_lag": late != 0}
-    return of_pixels(pixels, cameras, name="t", **stated), right, at(t_s)
+    options = PixelOptions(origin="upper-left", calibration_origin="upper-left", correct_lag=late != 0)
+    return of_pixels(pixels, cameras, name="t", unit="m", options=options), right, at(t_s)
 
 
 def placed(uv_px, frame, marker=1, cameras=(0,)):

@@ -1,15 +1,17 @@
 """Each threshold of calibration, with a case just below and one just above it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from mocap.calibration import intrinsics, lens_of_tracks, refine, wand
-from mocap.calibration.chain import first_stands
+from mocap.calibration import board_rig, intrinsics, lens_of_tracks, places, refine, wand
+from mocap.calibration.chain import first_stands, rigid
 from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.places import place_camera
-from mocap.calibration.scene import distinct
+from mocap.calibration.scene import distinct, turn
 from mocap.cameras.camera import KnownLens, record
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError
@@ -244,3 +246,140 @@ def test_what_no_lens_of_tracks_is(monkeypatch, given, found):
     else:
         with pytest.raises(CalibrationError, match=found):
             bent(monkeypatch, **given)
+
+
+def board_result(**given):
+    """What boards gave of two cameras with focal lengths of 1000 px, a metre apart, in images 1000 px wide."""
+    lens = BrownLens.of((1000.0, 1000.0), (500.0, 500.0), np.zeros(5))
+    places = [np.array([1.0, 0, 0]), np.array([1.0 + given.get("apart", 1.0), 0, 0])]
+    cameras = [SimpleNamespace(name=name, lens=lens, position_m=at) for name, at in zip("ab", places, strict=True)]
+    return SimpleNamespace(
+        cameras=cameras,
+        f_sd_px=[given.get("sd_px", 1.0)] * 2,
+        camera_px={name: (0.0, given.get("median_px", 0.1)) for name in "ab"},
+    ), {name: SimpleNamespace(size_px=(1000, 800)) for name in "ab"}
+
+
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        ({"sd_px": 26.0}, None),  # 3 % of the focal length
+        ({"sd_px": 34.0}, "do not determine its focal length"),
+        ({"median_px": 1.7}, None),  # two pixels in a thousand
+        ({"median_px": 2.3}, "median error of corners"),
+        ({"apart": 2.4e-6}, None),  # a millionth of their distances from the origin, 2 m
+        ({"apart": 1.7e-6}, "at the same place"),
+    ],
+)
+def test_what_no_rig_of_boards_is(given, found):
+    if found is None:
+        board_rig._refuse(*board_result(**given))
+    else:
+        with pytest.raises(CalibrationError, match=found):
+            board_rig._refuse(*board_result(**given))
+
+
+@pytest.mark.parametrize(("off", "odd"), [(0.13, 0), (0.17, 1)])
+@pytest.mark.parametrize("turned", [True, False])
+def test_views_of_a_board_agree_to_015(off, odd, turned):
+    """Radians, or a share of its distance, in the third of three cameras."""
+    ahead = rigid(np.eye(3), np.array([0.0, 0, 2.0]))
+    other = (
+        rigid(turn(np.array([0.0, 0, off])), ahead[:3, 3]) if turned else rigid(np.eye(3), np.array([2 * off, 0, 2.0]))
+    )
+    seen = {(0, "s"): ahead, (1, "s"): ahead, (2, "s"): other}
+    assert len(board_rig._boards(seen, [np.eye(4)] * 3, None)[2]) == odd
+
+
+def known(camera, size_px=SIZE):
+    return KnownLens(name="a", lens=camera.lens, size_px=size_px)
+
+
+def placed(monkeypatch, *, points=20, rms_px=0.1, wrong=0, loose=0.0, size_px=None):
+    """Place a camera where fits have such residuals, find so many points wrong, and leave the place so loose."""
+    camera, xyz, left = rig(1)[0], cloud(np.random.default_rng(1), points), iter(range(wrong))
+    fits = []
+
+    def best(_lens, own, _uv):
+        fits.append(len(own))
+        error = np.full((len(own), 2), rms_px / np.sqrt(2))
+        return places._Fit(camera=camera, error_px=error, slopes=np.zeros((2 * len(own), 6)), other=None)
+
+    monkeypatch.setattr(places, "_best", best)
+    monkeypatch.setattr(places, "_wrong", lambda _: 0 if next(left, None) is not None else None)
+    cov = np.diag([loose**2, 0, 0, 0, 0, 0])
+    monkeypatch.setattr(places, "_place", lambda *_: SimpleNamespace(cov=cov))
+    try:
+        place_camera(known(camera, size_px), xyz, camera.record(xyz))
+    except CalibrationError as error:
+        return str(error), fits
+    return "", fits
+
+
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        ({"rms_px": 2.6}, ""),  # pixels
+        ({"rms_px": 3.4}, "RMS reprojection error"),
+        ({"rms_px": 8.6, "size_px": (2000, 1000)}, ""),  # or five in a thousand of an image
+        ({"rms_px": 11.5, "size_px": (2000, 1000)}, "RMS reprojection error"),
+        ({"wrong": 5}, ""),  # a quarter of the points
+        ({"wrong": 6}, "RMS reprojection error"),
+        ({"loose": 0.17}, ""),  # a tenth of the distance, 2 m
+        ({"loose": 0.23}, "leave its position open"),
+    ],
+)
+def test_what_no_place_is(monkeypatch, given, found):
+    assert found in (said := placed(monkeypatch, **given)[0])
+    assert bool(found) == bool(said)
+
+
+def test_five_points_are_kept(monkeypatch):
+    """However many are wrong: 20 less 15."""
+    assert min(placed(monkeypatch, wrong=100)[1]) == 5
+
+
+@pytest.mark.parametrize(("share", "line"), [(0.85e-3, True), (1.15e-3, False)])
+def test_points_on_a_line_place_no_camera(monkeypatch, share, line):
+    """Second over first singular value of their places."""
+    monkeypatch.setattr(places, "_best", reached)
+    xyz = np.array([[-1.0, share, 0], [1.0, share, 0], [-1.0, -share, 0], [1.0, -share, 0]])
+    with pytest.raises(CalibrationError if line else Reached):
+        place_camera(known(rig(1)[0]), xyz, np.arange(8.0).reshape(4, 2))
+
+
+@pytest.mark.parametrize(("level", "wrong"), [(0.85e-3, True), (1.15e-3, False)])
+def test_a_point_is_wrong_that_one_camera_in_a_thousand_has(monkeypatch, level, wrong):
+    """Of eight points."""
+    monkeypatch.setattr(places.stats.f, "sf", lambda *_: level / 8)
+    fit = places._Fit(camera=None, error_px=np.ones((8, 2)), slopes=np.eye(16, 6), other=None)
+    assert (places._wrong(fit) is not None) == wrong
+
+
+@pytest.mark.parametrize(("chance", "alike"), [(0.0045, False), (0.0055, True), (0.9945, True), (0.9955, False)])
+def test_cameras_are_clicked_alike_by_an_f_test_at_one_percent(chance, alike):
+    sd = float(np.sqrt(stats.f.ppf(chance, 10, 12)))
+    a, b = SimpleNamespace(sd_px=sd, freedom=10), SimpleNamespace(sd_px=1.0, freedom=12)
+    assert places._alike(a, b) == alike
+
+
+@pytest.mark.parametrize(("more", "turned", "open_"), [(8.0, 0.058, True), (10.0, 0.058, False), (8.0, 0.043, False)])
+def test_another_place_is_as_likely_within_three_deviations(monkeypatch, more, turned, open_):
+    """Its sum of squares is larger by less than nine variances, and it is turned by a twentieth of a radian."""
+    camera, xyz = rig(1)[0], cloud(np.random.default_rng(1), 5)
+    other = replace(camera, rotation=turn(np.array([0.0, 0, turned])) @ camera.rotation)
+    costs = iter([4.0, 4.0 + more])  # of 10 - 6 degrees of freedom
+    monkeypatch.setattr(places, "_starts", lambda *_: [camera, other])
+    monkeypatch.setattr(
+        places,
+        "least_squares",
+        lambda *_args, **_options: SimpleNamespace(x=np.zeros(6), cost=next(costs) / 2, fun=np.zeros(10)),
+    )
+    assert (places._best(known(camera), xyz, camera.record(xyz)).other is not None) == open_
+
+
+@pytest.mark.parametrize(("other_px", "flipped"), [(0.3, True), (0.37, False)])
+def test_rows_are_counted_from_below_where_residuals_fall_to_a_third(monkeypatch, other_px, flipped):
+    monkeypatch.setattr(places, "_best", lambda *_: SimpleNamespace(rms_px=other_px))
+    said = places._misfit(known(rig(1)[0]), np.zeros((4, 3)), np.zeros((4, 2)), 1.0, [])
+    assert ("counted from below" in said) == flipped

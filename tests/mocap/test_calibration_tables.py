@@ -15,7 +15,6 @@ from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, identify, read
 from mocap.pipeline import calibrate
 from mocap.pipeline.calibrate import from_points, from_wand
-from mocap.pipeline.cleaning import with_ideal_pixels
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_calibrate import wand_files
 
@@ -228,20 +227,12 @@ def test_the_report_says_how_calibration_and_profile_were_read(tmp_path):
     write_coefficients(tmp_path / "plain.csv", cameras)
     table = pd.read_csv(tmp_path / "plain.csv", header=None)
     lenses = pd.read_csv(tmp_path / "profile.txt", sep=" ", header=None)
-    stated = {"tracks": tmp_path / "wand_xypts.csv", "fps": 1.0, "origin": "upper-left"}
-    want = with_ideal_pixels(
-        mocap.read(**stated, calibration=tmp_path / "plain.csv", profile=tmp_path / "profile.txt"),
-        iterations=3,
-        find_unit=False,
-    )
-    got = with_ideal_pixels(
-        mocap.read(
-            **stated,
-            calibration=spreadsheet(tmp_path / "c.csv", "decimal commas", table, titles=False),
-            profile=spreadsheet(tmp_path / "p.csv", "semicolons", lenses, titles=False),
-        ),
-        iterations=3,
-        find_unit=False,
+    stated = {"tracks": tmp_path / "wand_xypts.csv", "fps": 1.0, "unit": "m", "origin": "upper-left"}
+    want = mocap.read(**stated, calibration=tmp_path / "plain.csv", profile=tmp_path / "profile.txt")
+    got = mocap.read(
+        **stated,
+        calibration=spreadsheet(tmp_path / "c.csv", "decimal commas", table, titles=False),
+        profile=spreadsheet(tmp_path / "p.csv", "semicolons", lenses, titles=False),
     )
     np.testing.assert_array_equal(got.ideal_px, want.ideal_px)
     assert [said.text.partition(" and ")[0] for said in got.readings] == [

@@ -7,9 +7,9 @@ from mocap.datasets.bats import bat_motion
 
 from mocap.audit.offsets import moved, offset_findings, start_offsets
 from mocap.cameras.camera import project, stacked
+from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError
-from mocap.pipeline.cleaning import with_ideal_pixels
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.records import PixelTracks
 
 STARTS = np.array([0, 173, -61])
@@ -68,7 +68,7 @@ def test_a_recording_that_starts_apart_is_refused_with_the_lags_and_tracked_when
     pixels = PixelTracks(names=names, cameras=recording.pixels.cameras, t_s=np.arange(500) / 240, uv_px=uv)
     cameras = [type(c)(name=c.name, matrix=c.matrix) for c in recording.cameras]
     with pytest.raises(CalibrationError, match=r"start apart.*cam2 \+?\d+.*`correct_lag`"):
-        with_ideal_pixels(of_pixels(pixels, cameras, name="bat"))
-    found = with_ideal_pixels(of_pixels(pixels, cameras, name="bat", correct_lag=True))
+        of_pixels(pixels, cameras, name="bat")
+    found = of_pixels(pixels, cameras, name="bat", options=PixelOptions(correct_lag=True))
     np.testing.assert_allclose(found.late_frames - found.late_frames[0], STARTS, atol=0.1)
     assert found.rows.residual_px < 1

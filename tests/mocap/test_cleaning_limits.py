@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, residual_px, robust
-from mocap.cleaning import swap_states
+from mocap.cleaning import swap_states, swaps
 from mocap.cleaning.bias import hand_sd, lasting_share, persistent_px
 from mocap.cleaning.camera_health import camera_health
 from mocap.cleaning.click_noise import _most_likely_dof, student_t
@@ -118,8 +119,7 @@ def test_four_frames_of_a_ray_count_as_one():
     other[1] = uv[1][:, ::-1]
     detail = np.log(400 / np.sqrt(2 * np.pi))
     own, swapped = (
-        agreement(matrices, one, np.ones((2, 1, 2)), sd_px=1.0, detail=detail, outliers=0.05)[0][0] / 4
-        for one in (uv, other)
+        agreement(matrices, one, np.ones((2, 1, 2)), sd_px=1.0, detail=detail)[0][0] / 4 for one in (uv, other)
     )
     every = np.exp([own, own - 0.06, swapped - 0.03, swapped - 0.03])
     best = every.max() / every.sum()
@@ -247,3 +247,146 @@ def test_sets_of_exchanged_cameras_are_those_of_four(monkeypatch, n_cameras, set
             matrices, uv, found, bones=np.zeros((0, 2), dtype=int), edited=np.zeros((1, 2), dtype=bool), relative=ones
         )
     assert way == ["sets" if sets else "rays"]
+
+
+@pytest.mark.parametrize(("jumps", "straight", "evidence", "found"), [
+    (True, False, 9.0, 0), (True, False, 12.0, 1), (False, True, 86.0, 0), (False, True, 100.0, 1)
+])  # fmt: skip
+def test_a_change_is_likely_at_a_jump_and_hardly_beside_a_straight_way(monkeypatch, jumps, straight, evidence, found):
+    """Each costs 12, less 11 or more 30, and 8 to win; 0.02 for each of five frames."""
+    monkeypatch.setattr(swaps, "jumped", lambda _, frames, *__: np.full(len(frames), jumps))
+    monkeypatch.setattr(swaps, "unbroken", lambda _, frames, *__: np.full(len(frames), straight))
+    xyz = np.zeros((60, 2, 3))
+    xyz[25:30], xyz[35:40] = np.nan, np.nan
+    alike = np.full(60, -100.0)
+    alike[25:40] = 0.0
+    alike[30:35] = evidence / 5
+    assert len(runs_of(xyz, np.full(2, 1e-3), (0, 1), alike)[0]) == found
+
+
+@pytest.mark.parametrize(("share", "known"), [(0.08, 1.0), (0.12, 5.0)])
+def test_a_path_bends_by_its_90_percent_quantile(share, known):
+    """Of second differences of 2.5 and a few of 12.5: 2.5 deviations, as of chi of three degrees of freedom."""
+    away = np.full(100, 2.5)
+    away[: round(100 * share)] = 12.5
+    xyz = np.zeros((102, 1, 3))
+    xyz[2:, 0, 0] = np.cumsum(np.cumsum(away))
+    assert swaps.bend_scales(xyz)[0] == pytest.approx(known)
+    assert np.sqrt(chdtri(3, 0.1)) == pytest.approx(2.5, rel=1e-3)
+
+
+@pytest.mark.parametrize(("samples", "known"), [(9, False), (11, True)])
+def test_what_is_usual_is_told_by_ten_samples(samples, known):
+    """Lengths and bends; a length varies by a twentieth of itself, or what half of its samples are within."""
+    path = np.zeros((samples + 2, 1, 3))
+    assert np.isfinite(swaps.bend_scales(path)[0]) == known
+    assert (swaps.usual_length(np.ones(samples)) == (1.0, 0.05)) == known
+    far = np.where(np.arange(samples) % 2 == 0, 1.0, 1.2)
+    far[0] = 1.1
+    found = swaps.usual_length(far)
+    assert (found is not None) == known
+    assert found is None or found[1] == pytest.approx(1.4826 * 0.1 if found[0] == 1.1 else 1.4826 * 0.2)
+
+
+@pytest.mark.parametrize(("varies", "frames", "pairs"), [(0.18, 31, 2), (0.22, 31, 0), (0.18, 29, 0)])
+def test_a_steady_pair_varies_by_a_fifth(varies, frames, pairs):
+    """In thirty frames that show both: half of the lengths are one deviation of 1 / 1.4826 off, up or down."""
+    off = varies / 1.4826 * np.array([-1, 0, 1, 0, -1, 0, 1])
+    xyz = np.zeros((frames, 2, 3))
+    xyz[:, 1, 0] = 1 + np.resize(off * [1, 0, 1, 0, 1, 1, 1], frames)
+    assert len(swaps.steady_pairs(xyz, np.zeros((0, 2), dtype=int))) == pairs
+
+
+def test_a_marker_has_three_steady_ones():
+    """The nearest to steady of four."""
+    xyz = np.tile(np.arange(5.0)[:, None] * [1.0, 0, 0], (40, 1, 1))
+    pairs = swaps.steady_pairs(xyz, np.zeros((0, 2), dtype=int))
+    assert np.bincount(pairs[:, 0]).tolist() == [3] * 5
+
+
+def test_a_way_goes_on_straight_within_five_deviations_of_each_coordinate():
+    """A curvature of one a frame squared makes gap (gap + step) / 2 of it: of a gap of 3 after a step of 2."""
+    xyz = np.full((6, 1, 3), np.nan)
+    xyz[[0, 2, 5]] = 0.0
+    limit = swaps.straight_on(xyz, np.array([0.1]))[1]
+    assert limit[5, 0] == pytest.approx(np.sqrt(25 + 25 + 25) * 0.1 * 3 * (3 + 2) / 2)
+
+
+@pytest.mark.parametrize(("share", "crossed"), [(0.3, True), (0.37, False)])
+def test_ways_cross_where_each_is_three_times_as_near_to_the_others(share, crossed):
+    """Two markers at rest that change places but for a share of the way."""
+    xyz = np.zeros((4, 2, 3))
+    xyz[:, 1, 0] = 1.0
+    apart = share / (1 + share)  # from the other's place, of what it is from its own
+    xyz[3, :, 0] = [1 - apart, apart]
+    found = swaps.crossing_pairs(xyz, np.full(2, 1e-3))
+    assert (found == {(0, 1)}) == crossed
+
+
+@pytest.mark.parametrize(("near", "over"), [(0.3, True), (0.37, False)])
+@pytest.mark.parametrize(("bend", "certain"), [(0.05, True), (0.065, False)])
+def test_a_marker_went_over_that_is_three_times_as_near_to_the_others_way(near, over, bend, certain):
+    """And where one way is known to half of the usual distance: 5 sqrt(3) deviations."""
+    xyz = np.zeros((5, 2, 3))
+    xyz[:, 1, 0] = 1.0
+    xyz[3, 1] = np.nan
+    xyz[3, 0, 0] = 1 - near / (1 + near)
+    found = swaps.jumped(xyz, np.array([0, 1, 2, 4]), np.full(2, bend))
+    assert found[-1] == (over and certain)
+
+
+@pytest.mark.parametrize(("bend", "unlost"), [(0.052, True), (0.064, False)])
+def test_a_way_that_goes_on_is_known_to_half_of_the_distance_of_both(bend, unlost):
+    """One marker is seen all the time: 5 sqrt(3) deviations of a bend in a frame."""
+    xyz = np.zeros((5, 2, 3))
+    xyz[:, 1, 0] = 1.0
+    xyz[3, 1] = np.nan
+    assert unbroken(xyz, np.array([0, 1, 2, 4]), np.full(2, bend))[-1] == unlost
+
+
+@pytest.mark.parametrize(("off", "near"), [(0.45, True), (0.6, False)])
+def test_a_ray_is_another_markers_that_is_twice_as_near(off, near):
+    """Two rays some 13 px from their points, and 0.41 or 0.51 of that from the other's."""
+    matrices, _, uv = scene(4, 1, 3)
+    found = robust(matrices, uv, sd_px=1.0)
+    one = uv.copy()
+    other = found.xyz_m.copy()
+    at = project(matrices[:1], other)[0, 0]
+    rays = _Rays(matrices, one, found, np.ones(uv.shape[:3]))
+    rays.at = rays.at.copy()
+    rays.at[0, 0] = at
+    rays.at[0, 0, :2] = [[0.0, 0.0], [12.0, 0.0]]
+    rays.uv = rays.uv.copy()
+    rays.uv[0, 0, :2] = [[12.0, 12.0 * off], [0.0, 12.0 * off]]
+    rays.miss = np.linalg.norm(rays.uv - rays.at, axis=-1)
+    rays.suspect = np.zeros_like(rays.suspect)
+    rays.suspect[0, 0, :2] = True
+    assert (len(rays.suspected_pairs()[0]) == 1) == near
+
+
+@pytest.mark.parametrize(("apart", "looked_at"), [(38.0, True), (42.0, False)])
+def test_rays_forty_deviations_apart_are_tried(apart, looked_at):
+    """Suspected or not."""
+    matrices, _, uv = scene(4, 1, 3)
+    rays = _Rays(matrices, uv, robust(matrices, uv, sd_px=1.0), np.ones(uv.shape[:3]))
+    rays.uv = uv.copy()
+    rays.uv[0, 0, 1] = rays.uv[0, 0, 0] + [apart, 0.0]
+    assert rays._spoiled((0, 0, 1))[1][0] == looked_at
+
+
+@pytest.mark.parametrize(("sure", "exchanged", "doubtful"), [(0.94, 0, 1), (0.994, 0, 1), (0.996, 1, 0), (0.04, 0, 0)])
+@pytest.mark.parametrize(("apart_px", "tells"), [(2.7, False), (3.4, True)])
+def test_an_exchange_is_certain_at_199_of_200_and_excluded_at_1_of_20(
+    monkeypatch, sure, exchanged, doubtful, apart_px, tells
+):
+    """Of three cameras the first, in one frame between two that are right; nothing is told of clicks side by side."""
+    probability = np.zeros((3, 8))
+    probability[[0, 2], 0] = 1.0
+    probability[1, 4], probability[1, 0] = sure, 1 - sure  # states count from the last camera
+    monkeypatch.setattr(swap_states, "_posterior", lambda *_: probability)
+    monkeypatch.setattr(swap_states, "_fits", lambda *_: (np.zeros((3, 8)), np.zeros((3, 8, 2, 3))))
+    uv = np.zeros((3, 3, 2, 2))
+    uv[:, :, 1, 0] = apart_px
+    found = settled(stacked(ring(3)), uv)
+    assert found.exchanged.sum() == exchanged
+    assert found.doubtful.sum() == (doubtful and tells)

@@ -13,7 +13,7 @@ import mocap
 from mocap.cli.main import app
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current
-from mocap.pipeline.cleaning import clean, with_ideal_pixels
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, standing
 from mocap.pipeline.retrack import tracked_again
 from mocap.records import Status
@@ -129,6 +129,19 @@ def test_edits_do_what_they_say(scene):
     assert standing([Edit(what="undo", **SIGNED)]) == []
 
 
+@pytest.mark.parametrize("correct_lag", [False, True])
+def test_edits_after_reading_are_as_those_read_with_it(scene, tmp_path, correct_lag):
+    """Exchanges, deletions and places on a recording that was decided: ideal pixels are those of ``read(edits=)``."""
+    exchange = Edit(what="exchange", frame=10, last=14, marker=NAMES[0], other=NAMES[1], **SIGNED)
+    delete = Edit(what="delete", frame=20, marker=NAMES[2], **SIGNED)
+    edits = [exchange, delete, *placed(scene, 25, HAND)]
+    for edit in edits:
+        append_edit(tmp_path / "edits.jsonl", edit)
+    one = read(scene, edits=tmp_path / "edits.jsonl", correct_lag=correct_lag)
+    other = edited(read(scene, correct_lag=correct_lag), edits)
+    assert one.data.identical(other.data)
+
+
 def test_edits_of_positions(scene):
     """A recording without pixels: names are exchanged and ranges deleted; there is no camera to place a marker in."""
     raw = mocap.from_arrays(scene.xyz_m, names=NAMES, fps=FPS, unit="m")
@@ -162,7 +175,7 @@ def test_an_edit_of_another_recording_is_refused(scene, wrong, told):
 
 def test_a_click_settles_what_it_touches(scene):
     """A marker placed in a gap: the frames around are known better, and where it was placed it is where it is."""
-    raw = with_ideal_pixels(read(scene))
+    raw = read(scene)
     before = clean(raw).points
     frame = GAP[5]
     sd = {}

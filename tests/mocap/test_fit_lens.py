@@ -9,10 +9,11 @@ from mocap.datasets.bats import make_bat_wind_tunnel
 from mocap.calibration.lens_of_tracks import lens_of_tracks
 from mocap.cameras.camera import Camera, project, stacked, undistorted
 from mocap.cameras.lens import BrownLens
+from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError
 from mocap.pipeline.cleaning import clean as cleaned
-from mocap.pipeline.cleaning import with_ideal_pixels
-from mocap.pipeline.recording import Recording, of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import lasting_cov
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
@@ -38,9 +39,7 @@ def bat():
             cameras,
             Skeleton(name="bat", markers=names),
             name="bat",
-            fit_lens=fit_lens,
-            pixel_origin="upper-left",
-            calibration_origin="upper-left",
+            options=PixelOptions(origin="upper-left", calibration_origin="upper-left", fit_lens=fit_lens),
         )
         found.append(cleaned(film))
     return *found, flight.truth.xyz_m[:75, ::3]
@@ -117,6 +116,6 @@ def test_cameras_that_have_lenses_keep_them():
     uv = project(stacked(ring(3, lens=True)), cloud(np.random.default_rng(2), 80)).reshape(3, 8, 10, 2)
     names = tuple(f"m{i}" for i in range(10))
     pixels = PixelTracks(names=names, cameras=("cam1", "cam2", "cam3"), t_s=np.arange(8) / 100, uv_px=uv)
-    stated = {"pixel_origin": "upper-left", "calibration_origin": "upper-left"}
+    options = PixelOptions(origin="upper-left", calibration_origin="upper-left", fit_lens=True)
     with pytest.raises(CalibrationError, match="`fit_lens`: the cameras have lenses already"):
-        with_ideal_pixels(of_pixels(pixels, ring(3, lens=True), name="a", fit_lens=True, **stated))
+        of_pixels(pixels, ring(3, lens=True), name="a", options=options)

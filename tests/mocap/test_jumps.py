@@ -9,7 +9,7 @@ from mocap.datasets import make_bat, make_lizard
 
 from mocap.audit import alarms, audit_filmed, audit_recording, jump_findings
 from mocap.cameras.camera import record, undistorted
-from mocap.cameras.origin import OriginOptions, decide_origin
+from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.io.contents import FileContents
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.recording import of_points
@@ -20,7 +20,7 @@ from mocap.skeleton import Skeleton
 
 def audited(twin, uv):
     """Alarms of a twin with other pixels."""
-    decision = decide_origin(twin.cameras, uv, origin="upper-left", coefficients="upper-left")
+    decision = decide_origin(twin.cameras, uv, PixelOptions(origin="upper-left", calibration_origin="upper-left"))
     pixels = replace(twin.pixels, uv_px=uv)
     return alarms(audit_filmed(twin.cameras, pixels, undistorted(twin.cameras, uv), decision))
 
@@ -61,7 +61,7 @@ def test_without_a_frame_rate_steps_are_told_per_frame():
     pixels = replace(twin.pixels, t_s=np.arange(200.0), uv_px=uv)
     shared = {"format": "x", "paths": (Path("x"),), "names": names, "frames": np.arange(200), "fps": None}
     cameras = {"pixels": pixels, "cameras": twin.cameras, "camera_names": twin.pixels.cameras}
-    stated = OriginOptions(origin="upper-left", calibration_origin="upper-left")
+    stated = PixelOptions(origin="upper-left", calibration_origin="upper-left")
     for parts in ({"points": points}, cameras):
         contents = FileContents(**shared, **parts)
         for rate, told, not_told in ((None, " mm per frame", "m/s"), (240.0, " m/s", "per frame")):

@@ -4,7 +4,7 @@ import numpy as np
 from mocap.datasets import make_bat
 
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.tracking import lasting_cov
 
 

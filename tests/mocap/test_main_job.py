@@ -12,8 +12,8 @@ from rerun.chunk import RrdReader
 
 from mocap.cli.main import main
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.job import run_job
-from mocap.pipeline.recording import of_pixels
 from mocap.plots.figures import pictures
 from mocap.rerun.record import write_recording
 from mocap.skeleton import Skeleton

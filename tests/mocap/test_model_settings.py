@@ -6,13 +6,12 @@ from dataclasses import is_dataclass, replace
 import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.hidden_gaps import Effort, hidden_gaps, mixed
+from mocap.filters.hidden_gaps import Effort, hidden_gaps
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import TrialSet, estimate
-from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import MODELS
-from mocap.filters.models.singer import LastingSettings
 from mocap.filters.observations import PositionObservations
 
 from mocap.pipeline.model_file import read, written
@@ -63,6 +62,6 @@ def test_learning_tells_how_far_it_is():
     told = []
     trials, rng = [trial_of(seed, 70) for seed in (1, 2)], np.random.default_rng(0)
     gaps = hidden_gaps(trials, Anatomy((0, 1, 2, 3)), rng, effort=Effort(validated=2, times=1), tell=told.append)
-    mixed(gaps, (MarkerSettings(), POSE))
+    gaps.fill((MarkerSettings(), POSE))
     assert [line.split("(")[1].split(")")[0] for line in told] == ["1 of 2", "2 of 2"]
     assert all("mm by constant velocity, " in line and line.endswith(" mm by pose model") for line in told)

@@ -9,7 +9,9 @@ from mocap.cameras.camera import project, stacked
 from mocap.cli.track import block_size
 from mocap.pipeline import blocks, learning, potentials, sentences
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_pixels, of_points
+from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.pipeline.propose_measures import _swing, cycle_frames, stands
+from mocap.pipeline.recording import of_points
 from mocap.pipeline.retrack import tracked_again
 from mocap.pipeline.summary import Expected
 from mocap.pipeline.tracking import moved
@@ -158,3 +160,56 @@ def test_blocks_learn_from_six_stretches_of_four_hundred_frames(monkeypatch, fra
     assert blocks.learn_excerpts(recording)[0] is None
     first = np.linspace(0, frames - 400, starts).astype(int)
     assert [(part.start, part.stop) for part in asked] == [(start, start + 400) for start in first]
+
+
+@pytest.mark.parametrize(("degrees", "swings"), [(14.0, False), (16.5, True)])
+def test_a_limb_swings_by_fifteen_degrees(degrees, swings):
+    """From the 5th to the 95th percentile: here of two directions, half of the time each."""
+    angle = np.deg2rad(np.where(np.arange(60) % 2 == 0, 0.5, -0.5) * degrees)
+    xyz = np.zeros((60, 2, 3))
+    xyz[:, 1] = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    assert np.isfinite(_swing(xyz, np.tile(np.eye(3), (60, 1, 1)), 0, 1)).all() == swings
+
+
+@pytest.mark.parametrize(
+    ("frames", "period", "lag"),
+    [(100, 36, 36), (100, 48, 0), (100, 3, 0), (100, 4, 4)],  # 2.5 of them are seen; of more than three frames
+)
+def test_cycles_are_of_four_frames_to_two_fifths_of_a_recording(frames, period, lag):
+    """Of a cosine; without its trend the peak of one of 48 is at 40."""
+    assert cycle_frames(np.cos(2 * np.pi * np.arange(frames) / period)) == lag
+
+
+@pytest.mark.parametrize(("noise", "repeats"), [(0.9, True), (1.12, False)])
+def test_half_of_the_variance_repeats(noise, repeats):
+    """A cosine in noise, 1 / (1 + noise^2) of the variance: 0.55 and 0.44."""
+    t = np.arange(20_000)
+    y = np.sqrt(2) * np.cos(2 * np.pi * t / 40) + noise * np.random.default_rng(0).standard_normal(len(t))
+    assert (cycle_frames(y[:2000]) > 0) == repeats
+
+
+@pytest.mark.parametrize(("half", "lag"), [(0.3, 20), (0.36, 40)])
+def test_of_peaks_of_the_autocorrelation_the_first_high_one_is_the_cycle(half, lag):
+    """Four fifths of the highest: of a cosine and one half as fast at a cycle (1 - half^2) / (1 + half^2)."""
+    t = np.arange(2000)
+    y = np.cos(2 * np.pi * t / 20) + half * np.cos(2 * np.pi * t / 40)
+    assert abs(cycle_frames(y) - lag) <= 1
+
+
+@pytest.mark.parametrize(("seen", "cycle"), [(49, False), (51, True)])
+def test_a_lag_is_judged_by_ten_pairs(seen, cycle):
+    """Of the longest lag, 40 of 100 frames, of which so many are seen."""
+    y = np.cos(2 * np.pi * np.arange(100) / 20)
+    y[seen:] = np.nan
+    assert (cycle_frames(y) > 0) == cycle
+
+
+@pytest.mark.parametrize(
+    ("share", "slow", "foot"), [(0.22, 0.0, False), (0.28, 0.0, True), (0.5, 0.2, True), (0.5, 0.3, False)]
+)
+def test_a_foot_is_at_a_quarter_of_its_speed_for_a_quarter_of_the_time(share, slow, foot):
+    """Speeds of two kinds, of mean 1, in a cycle of ten frames, whose tenth is one."""
+    speed = np.full(1000, (1 - share * slow) / (1 - share))
+    speed[: round(1000 * share)] = slow
+    path = np.cumsum(np.append(0.0, speed))[:, None] * [1.0, 0, 0]
+    assert stands(path, 10) == foot

@@ -1,6 +1,7 @@
 """Where pixel rows are counted from, told by the rays; and stored points that do not follow from their pixels."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,13 +9,12 @@ from mocap.datasets import make_bat, write_recording
 
 from mocap.audit import stale_points
 from mocap.cameras.camera import dlt_coefficients, flipped, record
-from mocap.cameras.origin import OriginError, decide_origin
+from mocap.cameras.origin import OriginError, PixelOptions, decide_origin
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
-from mocap.pipeline.cleaning import clean, with_ideal_pixels
-from mocap.pipeline.learning import _cleaned
-from mocap.pipeline.reading import read
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.reading import of_session, read
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_audit import moving
@@ -39,7 +39,7 @@ def test_a_flipped_file_is_told(pixels):
     cameras, points, uv = filmed(False)
     if pixels == "lower-left":
         uv = flipped(uv, HEIGHT)
-    found = decide_origin(cameras, uv, height_px=HEIGHT)
+    found = decide_origin(cameras, uv, PixelOptions(image_height_px=HEIGHT))
     assert (found.pixels == found.coefficients) == (pixels == "upper-left")
     assert found.residual_px < 1.0
     assert found.next_px > 3 * found.residual_px
@@ -52,8 +52,8 @@ def test_a_lens_that_looks_the_same_upside_down_is_not_guessed():
     """A lens in the middle of the picture fits both ways up, with other points: the user is asked, then believed."""
     cameras, _, uv = filmed(True)
     with pytest.raises(CalibrationError, match=r"the pixel origin cannot be determined: .* state `origin`"):
-        decide_origin(cameras, uv, height_px=HEIGHT)
-    stated = decide_origin(cameras, uv, origin="upper-left", height_px=HEIGHT)
+        decide_origin(cameras, uv, PixelOptions(image_height_px=HEIGHT))
+    stated = decide_origin(cameras, uv, PixelOptions(origin="upper-left", image_height_px=HEIGHT))
     assert (stated.pixels, stated.stated) == ("upper-left", True)
 
 
@@ -74,17 +74,18 @@ def test_coefficients_of_another_rig_are_told():
         :, None, None
     ]
     with pytest.raises(CalibrationError, match="belong to these pixels"):
-        decide_origin(cameras, other, height_px=HEIGHT)
+        decide_origin(cameras, other, PixelOptions(image_height_px=HEIGHT))
 
 
 def test_a_stated_origin_is_checked():
     """The wrong statement about a flipped file is refused, the right one taken."""
     cameras, _, uv = filmed(True)
     turned = flipped(uv, HEIGHT)
-    right = decide_origin(cameras, turned, origin="lower-left", coefficients="upper-left", height_px=HEIGHT)
+    stated = PixelOptions(origin="lower-left", calibration_origin="upper-left", image_height_px=HEIGHT)
+    right = decide_origin(cameras, turned, stated)
     assert (right.pixels, right.coefficients, right.stated) == ("lower-left", "upper-left", True)
     with pytest.raises(CalibrationError):
-        decide_origin(cameras, turned, origin="upper-left", coefficients="upper-left", height_px=HEIGHT)
+        decide_origin(cameras, turned, replace(stated, origin="upper-left"))
 
 
 def test_stale_points_are_listed():
@@ -113,10 +114,10 @@ def test_stale_points_are_listed():
 def test_programs_own_corner_is_a_prior():
     """A lens that fits both ways up: the corner of the program that wrote the file decides; a clear misfit does not."""
     cameras, _, uv = filmed(True)
-    found = decide_origin(cameras, uv, height_px=HEIGHT, usual="upper-left")
+    found = decide_origin(cameras, uv, PixelOptions(image_height_px=HEIGHT, usual="upper-left"))
     assert (found.pixels, found.coefficients, found.guessed) == ("upper-left", "upper-left", False)
     cameras, _, uv = filmed(False)
-    found = decide_origin(cameras, flipped(uv, HEIGHT), height_px=HEIGHT, usual="upper-left")
+    found = decide_origin(cameras, flipped(uv, HEIGHT), PixelOptions(image_height_px=HEIGHT, usual="upper-left"))
     assert (found.pixels != found.coefficients, found.guessed) == (True, True)
 
 
@@ -136,29 +137,44 @@ def test_files_of_one_session_decide_together(tmp_path):
         np.savetxt(tmp_path / f"{name}_xypts.csv", table, "%.6f", ",", header=head, comments="")
         np.savetxt(tmp_path / f"{name}.csv", np.stack([dlt_coefficients(c) for c in rig], axis=1), "%.12g", ",")
         write_profile(tmp_path / f"{name}.txt", rig)
-        made.append(
-            read(
-                tmp_path / f"{name}_xypts.csv",
-                fps=200,
-                calibration=tmp_path / f"{name}.csv",
-                profile=tmp_path / f"{name}.txt",
-            )
-        )
+        how = {"calibration": tmp_path / f"{name}.csv", "profile": tmp_path / f"{name}.txt"}
+        made.append(partial(read, tmp_path / f"{name}_xypts.csv", fps=200, **how))
     with pytest.raises(OriginError, match=r"^doubtful_xypts\.csv: the pixel origin cannot be determined"):
-        clean(made[1])
-    for order, numbers in ((made, [0, 1]), (made[::-1], [1, 0])):
-        told = []
-        both = list(_cleaned(order, told.append))
-        assert [p.rows.pixels for _, p in both] == ["upper-left"] * 2
-        assert [number for number, _ in both] == numbers
-        assert "doubtful: pixel origin upper-left, as in the other recordings of this session" in told
+        list(of_session(made[1:]))
+    for order in (made, made[::-1]):
+        clear, doubtful = of_session(order)
+        assert (clear.name, doubtful.name) == ("clear", "doubtful")
+        assert doubtful.rows.pixels == clear.rows.pixels == "upper-left"
+        assert str(doubtful.findings[0]) == "pixel origin upper-left, as in the other recordings of this session"
 
 
 def test_our_own_recordings_carry_their_corner(tmp_path):
     """A bat whose pixels fit both ways up: refused without its card, read from the upper left with it."""
     files = write_recording(make_bat(seed=0, n_frames=60, manoeuvre="turn"), tmp_path)
     stated = {"fps": 240, "calibration": files["coefficients"], "profile": files["profile"]}
-    assert with_ideal_pixels(read(files["pixels"], **stated)).rows.pixels == "upper-left"
+    assert read(files["pixels"], **stated).rows.pixels == "upper-left"
     files["card"].unlink()
     with pytest.raises(OriginError, match="the pixel origin cannot be determined"):
-        with_ideal_pixels(read(files["pixels"], **stated))
+        read(files["pixels"], **stated)
+
+
+def test_reading_decides_and_cleaning_does_not(tmp_path, monkeypatch):
+    """Corner, ideal pixels and the sentence of it are there after ``read``; cleaning and tracking ask nothing again."""
+    files = write_recording(make_bat(seed=0, n_frames=60), tmp_path)
+    stated = {"fps": 240, "calibration": files["coefficients"], "profile": files["profile"]}
+    recording = read(files["pixels"], **stated)
+    assert recording.rows.pixels == "upper-left"
+    assert recording.values("ideal").shape == recording.values("pixels").shape
+    assert "pixel origin upper-left" in repr(recording)
+    monkeypatch.setattr("mocap.pipeline.ideal_pixels.decide_origin", lambda *_: pytest.fail("decided again"))
+    assert clean(recording).rows == recording.rows
+
+
+def test_a_calibration_that_does_not_fit_is_refused_by_read(tmp_path):
+    """The calibration of another session: the error comes where it was named."""
+    files = write_recording(make_bat(seed=0, n_frames=60), tmp_path / "a")
+    other = write_recording(make_bat(seed=5, n_frames=60, n_cameras=4), tmp_path / "b")
+    table = np.loadtxt(other["coefficients"], delimiter=",")[:, ::-1]
+    np.savetxt(tmp_path / "other.csv", table, delimiter=",")
+    with pytest.raises(CalibrationError):
+        read(files["pixels"], fps=240, calibration=tmp_path / "other.csv")

@@ -11,9 +11,9 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.cameras.camera import record
 from mocap.pipeline.blocks import track_block
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.tracking import seen_part, why_no_pose
 from mocap.pipeline.two_rays import continuing, disagreements, unconfirmed, without_contradicted, worth_checking
 from mocap.records import Status

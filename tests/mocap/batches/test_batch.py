@@ -32,7 +32,7 @@ from mocap.io.manifest import PARTIAL
 from mocap.records import marker_tracks
 from mocap.rerun.record import write_recording
 from mocap.rerun.stored import read_recording
-from tests.mocap.batches.trap import Trap
+from tests.mocap.batches.trap import Trap, second_held
 
 FPS = 100.0
 QUICK = {"fps": FPS, "model": "constant_velocity", "validate": False}
@@ -356,35 +356,16 @@ def test_equal_failures_are_told_once(tmp_path, scheduler, mocap):
     assert len(lines) == 2
 
 
-HOLD = """
-import pathlib, sys, time
-
-read = set()
-
-def hold(event, arguments):
-    if event == "open" and str(arguments[0]).endswith("_xyzpts.csv"):
-        read.add(str(arguments[0]))
-        if len(read) > 1:
-            pathlib.Path({!r}).touch()
-            time.sleep(1e6)
-
-if "spawn_main" in str(sys.orig_argv):
-    sys.addaudithook(hold)
-"""
-"""Workers stop where they would read their second trial."""
-
-
 def test_killed_at_once(lab, undisturbed, scheduler, tmp_path):
     """SIGKILL of the command while it tracks, and it goes on: the same bytes, nothing done twice, nothing left over."""
     out = tmp_path / "out"
     command = [sys.executable, "-c", "if __name__ == '__main__': from mocap.cli.main import main; main()"]
     command += ["batch", str(lab), "--out", str(out), "--fps", str(FPS), "--jobs", "1"]
     command += ["--model", "constant_velocity", "--no-validate"]
-    holding = tmp_path / "holding"
-    (tmp_path / "sitecustomize.py").write_text(HOLD.format(str(holding)))
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    place = second_held(tmp_path)
+    environment = {**os.environ, "PYTHONPATH": str(place)}
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment) as running:
-        while not holding.exists() and running.poll() is None:
+        while not (place / "held").exists() and running.poll() is None:
             time.sleep(0.05)
         left = psutil.Process(running.pid).children(recursive=True)
         running.kill()

@@ -1,4 +1,4 @@
-"""A worker that dies at a trial, as one whose memory is used up."""
+"""Workers that die at a trial, as those whose memory is used up, or stop there."""
 
 import os
 import signal
@@ -29,3 +29,28 @@ class Trap(WorkerPlugin):
             return track(trial, *arguments, **options)
 
         here.track_trial = trapped
+
+
+HOLD = """
+import multiprocessing, pathlib, sys, time
+
+read = set()
+
+def hold(event, arguments):
+    if event == "open" and str(arguments[0]).endswith(("_xypts.csv", "_xyzpts.csv")):
+        if "Nanny" in multiprocessing.current_process().name:
+            read.add(str(arguments[0]))
+            if len(read) > 1:
+                pathlib.Path({!r}).touch()
+                time.sleep(1e6)
+
+sys.addaudithook(hold)
+"""
+
+
+def second_held(folder: Path) -> Path:
+    """A folder for ``PYTHONPATH``: with it workers write ``held`` and stop where they would read their second trial."""
+    place = folder / "held_by"
+    place.mkdir()
+    (place / "sitecustomize.py").write_text(HOLD.format(str(place / "held")))
+    return place

@@ -1,4 +1,4 @@
-"""One browser for all pages of a file, and what asks and waits as a person does."""
+"""One browser for all pages, and what asks and waits as a person does."""
 
 import json
 import time
@@ -10,7 +10,7 @@ import pytest
 from tests.mocap.rerun.browser import chromium
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def _browser():
     with chromium() as driver:
         yield driver

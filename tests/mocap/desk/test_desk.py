@@ -28,6 +28,7 @@ from mocap.records import Status
 from mocap.rerun import share
 from mocap.skeleton import read_skeleton
 from mocap.web.server import served
+from tests.mocap.batches.trap import second_held
 from tests.mocap.desk.conftest import client, until
 from tests.mocap.desk.filmed_trial import FPS, GAP, SWAPPED, trial
 from tests.mocap.digitising.filmed import NAMES, SIZE
@@ -66,19 +67,18 @@ def worked(scene, tmp_path_factory):
             yield desk, browser
 
 
-def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path, driver):
-    """A folder is opened in a browser, tracked, three points are placed with the mouse, tracked again, passed on.
+def test_a_person_opens_corrects_tracks_and_exports(scene, worked, tmp_path, driver):
+    """A folder with a result is opened in a browser, three points are placed with the mouse, tracked again, passed on.
 
     What is passed on says `edited`, the log holds the three places, and its replay by the library gives the same bytes.
     """
     out = tmp_path / "out"
+    shutil.copytree(worked[0].out / "flight", out / "flight")
     with desk_of(scene, out) as desk, served(desk_page(desk)) as site:
         driver.get(site.address)
         until(driver, "document.body.dataset.ready === '1'")
         driver.find_element("class name", "look").click()
         until(driver, "document.body.dataset.audits === '1'")
-        driver.find_element("id", "track").click()
-        until(driver, "document.body.dataset.tracked === '1'")
         driver.find_element("class name", "read").click()
         until(driver, "document.body.dataset.opened === '1'")
         first = driver.find_elements("class name", "place")[0].text
@@ -98,7 +98,7 @@ def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path, driver):
         driver.find_element("css selector", "[data-room=trials]").click()
         until(driver, "document.querySelector('td.changed')")
         driver.find_element("id", "track").click()
-        until(driver, "document.body.dataset.tracked === '2'")
+        until(driver, "document.body.dataset.tracked === '1'")
         driver.find_element("class name", "pass").click()
         until(driver, "document.body.dataset.passed === '1'")
         assert (out / "flight" / "kinematics" / "report.html").is_file()
@@ -321,10 +321,10 @@ def test_what_a_refusal_names_has_a_button(worked, monkeypatch):
     """Cameras that start apart are refused, as reading has it: the desk offers what the sentence names, in options."""
     _, browser = worked
 
-    def refused(_):
+    def refused(*_, **__):
         raise MocapError("the cameras start apart, by cam1 +8 frames: give `correct_lag`")
 
-    monkeypatch.setattr("mocap.desk.desk.with_ideal_pixels", refused)
+    monkeypatch.setattr("mocap.batches.trial.read", refused)
     (alarm,) = [one for one in browser.get("audit?trial=flight").json() if one["alarm"]]
     assert alarm["text"].endswith("give --correct-lag")
     assert [(way["name"], way["value"]) for way in alarm["mend"]] == [("correct_lag", True)]
@@ -450,8 +450,8 @@ def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):
     assert kept.distances == {"span": ("right", "hand")}
 
 
-def test_tracking_stops_and_goes_on(scene, tmp_path):
-    """Two trials one after the other: stopped while they are tracked, and the rest is tracked when told to go on."""
+def test_tracking_stops_and_goes_on(scene, tmp_path, monkeypatch):
+    """Two trials one after the other: stopped at the second, which is tracked when told to go on, the first is not."""
     where = scene.folder
     for name in "ab":
         shutil.copy(where / "flight_xypts.csv", tmp_path / f"{name}_xypts.csv")
@@ -459,16 +459,20 @@ def test_tracking_stops_and_goes_on(scene, tmp_path):
     sources = [str(tmp_path / f"{name}_xypts.csv") for name in "ab"]
     with opened_desk(sources, tmp_path / "out", options=OPTIONS, jobs=1, arguments=stated) as desk:
         assert desk.stop() == "nothing is being tracked"
-        desk.track()
+        with monkeypatch.context() as patch:
+            patch.setenv("PYTHONPATH", str(second_held(tmp_path)))
+            desk.track()
         while desk.progress().get("done") != 1:
             assert desk.progress()["running"]
             time.sleep(0.05)
         assert desk.stop().startswith("stopped")
         assert not desk.progress()["running"]
-        assert "done" in {row["status"] for row in desk.overview()["trials"]}
+        assert sorted(row["status"] for row in desk.overview()["trials"]) == ["done", "new"]
+        first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/trial.json")}
         told = tracked(desk)
         assert told["done"] == told["total"] == 2
         assert {row["status"] for row in desk.overview()["trials"]} == {"done"}
+        assert {path: path.stat().st_mtime_ns for path in first} == first
 
 
 def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):

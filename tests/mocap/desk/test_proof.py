@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from mocap.cameras.camera import record
+from mocap.cameras.origin import PixelOptions
 from mocap.desk.proof import Proof, places
-from mocap.pipeline.cleaning import with_ideal_pixels
 from mocap.pipeline.edits import read_edits
-from mocap.pipeline.recording import of_pixels
+from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.retrack import AROUND
 from mocap.records import PixelTracks, Status, marker_tracks
 from tests.mocap.rigs import ring
@@ -30,7 +30,8 @@ def proof_of(folder, n_frames=60, *, lower_left=False, lens=True, hidden=slice(2
     names = ("a", "b")
     pixels = PixelTracks(names=names, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=uv)
     corner = "lower-left" if lower_left else "upper-left"
-    recording = of_pixels(pixels, cameras, name="t", unit="m", pixel_origin=corner, calibration_origin="upper-left")
+    options = PixelOptions(origin=corner, calibration_origin="upper-left")
+    raw = of_pixels(pixels, cameras, name="t", unit="m", options=options)
     seen = np.isfinite(uv[0, ..., 0])
     cov = np.where(seen, 1.0, 25.0)[..., None, None] * sd_m**2 * np.eye(3)
     status = np.where(seen, Status.MEASURED, Status.SMOOTHED).astype(np.int8)
@@ -39,7 +40,6 @@ def proof_of(folder, n_frames=60, *, lower_left=False, lens=True, hidden=slice(2
     result = SimpleNamespace(
         tracks=tracks, repaired=np.zeros(seen.shape, dtype=np.int8), plane=None, report=report, kinematics={}
     )
-    raw = with_ideal_pixels(recording)
     return Proof(name="t", raw=raw, result=result, log=folder / "edits.jsonl"), seen_px, xyz
 
 

@@ -18,7 +18,7 @@ from PIL import Image
 from selenium import webdriver
 from selenium.common.exceptions import WebDriverException
 
-SIZE = (800, 600)
+SIZE = (560, 420)
 _SETTLE_S = 1.5
 
 
@@ -84,4 +84,4 @@ def settled(
             picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
             if shows(picture) and len(np.unique(picture @ [1, 256, 256**2])) >= enough:
                 return picture
-        time.sleep(0.4)
+        time.sleep(0.8)

@@ -5,16 +5,15 @@ import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
 from readback import column, entities
-from vulkan import need_vulkan
+from test_view_pictures import loaded
 
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import robust_range, series_view
-from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.rerun.record import make_layout, write_recording
 from mocap.rerun.tabs.angles import sections
 from mocap.sides import by_side
-from tests.mocap.rerun.headless import Headless
 
 NAME = "L_elbow_flexion_deg"
 PATH = paths.quantity("left", NAME)
@@ -91,16 +90,14 @@ def test_parts_of_cycles_begin_where_the_cycles_say():
     np.testing.assert_allclose(times, [0, 0.06, 0.1, 0.16, 0.2, 0.5, 0.56, 0.6])
 
 
-def test_a_person_sees_the_line_and_its_band(run, rrd):
+def test_a_person_sees_the_line_and_its_band(viewer, run, tmp_path):
     """Pixels of the line's colour; none without the line."""
-    need_vulkan()
     view = series_view(PATH, "elbow", legend=False)
     hidden = rrb.TimeSeriesView(origin=PATH, contents=["$origin/filled"], name="without")
-    with Headless(size=(500, 300)) as viewer:
-        viewer.load(rrd, recording_id(run))
-        counts = []
-        for one in (view, hidden):
-            picture = viewer.picture(one, frame=20)
-            counts.append(int((np.abs(picture.astype(int) - palette.SIDE["left"]).max(axis=-1) < 24).sum()))
+    loaded(viewer, run, tmp_path)
+    counts = []
+    for one in (view, hidden):
+        picture = viewer.picture(one, frame=20)
+        counts.append(int((np.abs(picture.astype(int) - palette.SIDE["left"]).max(axis=-1) < 24).sum()))
     assert counts[0] > 100  # a line across some 300 columns, its edges blurred
     assert counts[1] == 0

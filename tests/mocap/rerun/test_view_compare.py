@@ -8,14 +8,12 @@ import rerun.blueprint as rrb
 from flapping import make_run
 from readback import column, entities
 from test_view_pictures import amount
-from vulkan import need_vulkan
 
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
 from mocap.rerun.compare import APPLICATION, compare_blueprint, difference_mm, recording_of, run_names, write_comparison
 from mocap.rerun.record import write_recording
 from mocap.rerun.stored import read_recording
-from tests.mocap.rerun.headless import Headless
 
 SHIFT_M = np.array([0.003, 0.0, -0.004])
 """5 mm."""
@@ -81,20 +79,18 @@ def test_what_is_stored_is_read_back(runs):
     assert stored.below(paths.CAMERAS) == ["cam1", "cam2"]
 
 
-def test_the_viewer_shows_both(runs):
+def test_the_viewer_shows_both(viewer, runs):
     """Both colours are in the scene, nothing is complained about; a run that is left out is not seen."""
-    need_vulkan()
     _, _, folders, both = runs
     stored = [read_recording(folder, name=folder.name) for folder in folders]
-    with Headless(size=(900, 600)) as viewer:
-        viewer.load(both, "ours - theirs", application=APPLICATION)
-        pictures = []
-        for i in (0, 1, 3):
-            blueprint = compare_blueprint(stored, [difference_mm(*stored)])
-            blueprint.root_container.active_tab = i
-            pictures.append(viewer.show(blueprint, frame=25))
-        one = rrb.Spatial3DView(origin=paths.TOGETHER, contents=[f"{paths.together(0)}/**"])
-        alone = viewer.picture(one, frame=25)
+    viewer.load(both, "ours - theirs", application=APPLICATION)
+    pictures = []
+    for i in (0, 1, 3):
+        blueprint = compare_blueprint(stored, [difference_mm(*stored)])
+        blueprint.root_container.active_tab = i
+        pictures.append(viewer.show(blueprint, frame=25))
+    one = rrb.Spatial3DView(origin=paths.TOGETHER, contents=[f"{paths.together(0)}/**"])
+    alone = viewer.picture(one, frame=25)
     assert len({picture.tobytes() for picture in pictures}) == 3
     scene = pictures[0][100:, : pictures[0].shape[1] // 2]
     assert amount(scene, palette.SKY_BLUE) > 30

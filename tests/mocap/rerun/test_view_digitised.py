@@ -30,7 +30,7 @@ def test_the_scene_is_beside_the_films(scene, tmp_path):
         return (np.abs(right - palette.SKY_BLUE).max(axis=2) < 40).sum() > 20
 
     with shown(session) as address, chromium() as driver:
-        driver.set_window_size(1400, 800)
+        driver.set_window_size(1000, 560)
         driver.get(address + "?renderer=webgl")  # the browser of the tests has no WebGPU
         until(driver, "document.body.dataset.ready === '1'")
         driver.find_element("id", "space").click()

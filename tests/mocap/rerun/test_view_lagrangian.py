@@ -7,12 +7,11 @@ import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
 from readback import column, entities
-from vulkan import need_vulkan
+from test_view_pictures import loaded
 
 from mocap.rerun import palette, paths
-from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.rerun.record import make_layout, write_recording
 from mocap.rerun.tabs import lagrangian
-from tests.mocap.rerun.headless import Headless
 
 N = 20
 
@@ -40,14 +39,10 @@ def test_energy_value_and_bound_are_in_the_recording(run, tmp_path):
     assert lagrangian.tab(make_layout(learned)) is None
 
 
-def test_a_person_sees_the_bound_above_the_value(run, tmp_path):
+def test_a_person_sees_the_bound_above_the_value(viewer, run, tmp_path):
     """The grey line lies above the blue one in the picture."""
-    need_vulkan()
-    write_recording(run, tmp_path / "a.rrd")
-    view = lagrangian.valley_view(make_layout(run))
-    with Headless() as viewer:
-        viewer.load(tmp_path / "a.rrd", recording_id(run))
-        picture = viewer.show(rrb.Blueprint(view), frame=7).astype(float)
+    view = lagrangian.valley_view(make_layout(loaded(viewer, run, tmp_path)))
+    picture = viewer.show(rrb.Blueprint(view), frame=7).astype(float)
     grey, blue = (np.abs(picture[..., :3] - color).max(axis=-1) < 40 for color in (palette.GREY, palette.SKY_BLUE))
     line = grey.sum(axis=1)
     assert line.max() > 0.5 * picture.shape[1]  # the bound is level

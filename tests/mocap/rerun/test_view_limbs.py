@@ -7,14 +7,14 @@ import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
 from readback import column, entities
-from vulkan import need_vulkan
+from test_view_pictures import loaded
 
 from mocap.pipeline.recording import limb_variables
 from mocap.rerun import palette, paths
-from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
-from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.rerun.limbs import REACH, map_view, pull_view
+from mocap.rerun.log_markers import ELLIPSOID_SD
+from mocap.rerun.record import make_layout, write_recording
 from mocap.results.stored import read_recording, write_arrays
-from tests.mocap.rerun.headless import Headless
 
 N, NAME = 20, "shoulder to elbow"
 
@@ -57,8 +57,8 @@ def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):
     _, _, outline = column(tmp_path / "a.rrd", f"{path}/ellipse", "LineStrips2D:strips")
     outline = outline.reshape(N, -1, 2)
     reach = np.abs(outline - (limb["state"] * (1, -1))[:, None]).max(axis=1)
-    np.testing.assert_allclose(reach[7], ELLIPSE_SD * np.array([0.6, 0.3]), atol=1e-3)
-    np.testing.assert_allclose(reach[3], ELLIPSE_SD * 0.1, atol=1e-3)
+    np.testing.assert_allclose(reach[7], ELLIPSOID_SD * np.array([0.6, 0.3]), atol=1e-3)
+    np.testing.assert_allclose(reach[3], ELLIPSOID_SD * 0.1, atol=1e-3)
     _, counts, arrows = column(tmp_path / "a.rrd", paths.child(paths.PULL, NAME), "Arrows3D:vectors")
     assert (counts <= 2).all()
     longest = np.linalg.norm(arrows, axis=1).max()
@@ -83,15 +83,11 @@ def test_limbs_are_restored_and_cut(run, tmp_path):
     np.testing.assert_array_equal(run.at(slice(5, 9)).limbs[NAME]["state"], limb["state"][5:9])
 
 
-def test_a_person_sees_the_state_its_ellipse_and_the_arrows(run, tmp_path):
+def test_a_person_sees_the_state_its_ellipse_and_the_arrows(viewer, run, tmp_path):
     """Colours of the map view: the state vermillion, the outline white, low ground yellow; arrows in the scene."""
-    need_vulkan()
-    write_recording(run, tmp_path / "a.rrd")
-    layout = make_layout(run)
-    with Headless() as viewer:
-        viewer.load(tmp_path / "a.rrd", recording_id(run))
-        picture = viewer.show(rrb.Blueprint(map_view(layout, NAME)), frame=7).astype(float)
-        scene = viewer.show(rrb.Blueprint(pull_view(layout, NAME)), frame=7).astype(float)
+    layout = make_layout(loaded(viewer, run, tmp_path))
+    picture = viewer.show(rrb.Blueprint(map_view(layout, NAME)), frame=7).astype(float)
+    scene = viewer.show(rrb.Blueprint(pull_view(layout, NAME)), frame=7).astype(float)
     for color, least in ((palette.VERMILLION, 20), (palette.WHITE, 60), (palette.depth(np.zeros(1))[0], 500)):
         assert (np.linalg.norm(picture[..., :3] - color, axis=-1) < 60).sum() > least
     assert (np.linalg.norm(scene[..., :3] - palette.VERMILLION, axis=-1) < 60).sum() > 30

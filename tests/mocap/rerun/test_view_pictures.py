@@ -27,13 +27,6 @@ SHIFT_PX = 12.0
 NEAR = 60.0  # of 441: shading darkens the rim of a ball and blends it with what is behind
 
 
-@pytest.fixture(scope="module")
-def viewer():
-    need_vulkan()
-    with Headless(size=(640, 460)) as headless:
-        yield headless
-
-
 def loaded(viewer: Headless, run: Recording, folder: Path) -> Recording:
     """The run under a name of its own, in the viewer."""
     run = replace(run, name=folder.name)

@@ -9,7 +9,6 @@ import pytest
 from flapping import SIZE_PX, make_run
 from readback import column
 from test_view_pictures import SHIFT_PX, loaded, share_found, tile
-from vulkan import need_vulkan
 
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.lens import BrownLens
@@ -18,7 +17,6 @@ from mocap.io.movies import FIRST_PIXEL, open_movie, open_movies
 from mocap.rerun import paths
 from mocap.rerun.log_video import coded_size, offsets_of, with_footage
 from mocap.rerun.record import write_recording
-from tests.mocap.rerun.headless import Headless
 
 N_FRAMES, SEEN = 24, 17
 GRID = np.mgrid[: SIZE_PX[1], : SIZE_PX[0]]
@@ -75,13 +73,6 @@ def filmed(run, folder, coder, *, lead=0, bent=True):
     path = folder / ("film" if coder == "png" else "film.mp4")
     film(path, [discs(recorded[0])] * lead + [discs(uv) for uv in recorded], coder)
     return ideal, path
-
-
-@pytest.fixture(scope="module")
-def viewer():
-    need_vulkan()
-    with Headless() as headless:
-        yield headless
 
 
 @pytest.mark.parametrize(("coder", "y_up", "lead"), [("mpeg4", False, 5), ("png", True, 0)])

@@ -118,7 +118,7 @@ def in_one_process(twins: Path, out: Path) -> list[str]:
     """The same trials one after the other in one process without an engine."""
     script = (
         "import sys; from pathlib import Path; from mocap.batches.find import find_trials; "
-        "from mocap.batches.trial_record import Options; from mocap.batches.one import track_trial; "
+        "from mocap.batches.trial import Options; from mocap.batches.one import track_trial; "
         f"out = Path(sys.argv[2]); options = Options(model='constant_velocity', validate=False); "
         f"[track_trial(t, options, out) for t in find_trials([sys.argv[1]], arguments={{'fps': {FPS}}})]"
     )

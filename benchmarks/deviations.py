@@ -29,9 +29,9 @@ import numpy as np
 import pandas as pd
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.datasets.bats import bat_motion
+from mocap.datasets.film import Motion as SceneMotion
 from mocap.datasets.lizards import lizard_motion
 from mocap.datasets.real import folder
-from mocap.datasets.recording import Motion as SceneMotion
 from mocap.filters.velocities import Motion
 from numpy.typing import NDArray
 

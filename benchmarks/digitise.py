@@ -27,9 +27,9 @@ import cv2
 import numpy as np
 from mocap.datasets.bats import bat_motion, make_bat
 from mocap.datasets.disturbances import ALL, CLEAN, TEXTURE, Disturbances
+from mocap.datasets.film import SyntheticRecording
 from mocap.datasets.lizards import lizard_motion, make_lizard
 from mocap.datasets.movie import shown_pixels, write_movies
-from mocap.datasets.recording import SyntheticRecording
 
 from eal.arrays import Array
 from mocap.cameras import triangulate

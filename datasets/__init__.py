@@ -12,10 +12,10 @@ if __name__ == "datasets":  # the folder at the repository's root; it is install
     hand_over(__name__)
 
 from mocap.datasets.bats import make_bat
+from mocap.datasets.film import SyntheticRecording
 from mocap.datasets.folder import read_truth, write_recording
 from mocap.datasets.lizards import make_lizard
 from mocap.datasets.observe import PERFECT, Digitiser
-from mocap.datasets.recording import SyntheticRecording
 
 bat, lizard = make_bat, make_lizard
 

@@ -7,13 +7,11 @@ from typing import Literal
 
 import numpy as np
 from mocap.datasets.bat_skeleton import MARKERS, SEGMENTS, TRUNK, Beat, bat_skeleton, membranes, wing, wing_tips
-from mocap.datasets.film import film
-from mocap.datasets.linkage import rotated, turn
+from mocap.datasets.film import Motion, Scene, SyntheticRecording, film
+from mocap.datasets.linkage import Wander, draw_wander, rotated, skin_motion, turn
 from mocap.datasets.observe import WIND_TUNNEL, Digitiser
 from mocap.datasets.occlusion import Solid
-from mocap.datasets.recording import Motion, Scene, SyntheticRecording
 from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
-from mocap.datasets.wander import Wander, draw_wander, skin_motion
 
 from eal.arrays import Array
 from eal.systems import GRAVITY_M_S2

@@ -8,9 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from mocap.datasets.film import outside
-from mocap.datasets.linkage import rotated, turn, unit
+from mocap.datasets.linkage import draw_wander, rotated, turn, unit
 from mocap.datasets.rig import picture_size
-from mocap.datasets.wander import draw_wander
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 

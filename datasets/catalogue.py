@@ -9,11 +9,11 @@ from typing import Any
 from mocap.datasets.bats import bat_motion, make_bat, make_bat_wind_tunnel
 from mocap.datasets.calibration_session import Board, board_session, wand_sweep, write_board_session, write_wand_sweep
 from mocap.datasets.disturbances import ALL, CLEAN, Disturbances
+from mocap.datasets.film import Motion, SyntheticRecording
 from mocap.datasets.folder import write_recording
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard
 from mocap.datasets.movie import shown_pixels, write_movies
 from mocap.datasets.pendulums import Pendulum, make_pendulum, write_pendulum
-from mocap.datasets.recording import Motion, SyntheticRecording
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
 
 from mocap.cameras.camera import Camera

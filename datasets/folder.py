@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.film import SyntheticRecording
 from numpy.typing import NDArray
 
 from eal.arrays import Array

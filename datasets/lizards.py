@@ -5,13 +5,11 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from mocap.datasets.film import film
-from mocap.datasets.linkage import bent, ramp, rotated, turn
+from mocap.datasets.film import Motion, Scene, SyntheticRecording, film
+from mocap.datasets.linkage import bent, draw_wander, ramp, rotated, skin_motion, turn
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.occlusion import Solid
-from mocap.datasets.recording import Motion, Scene, SyntheticRecording
 from mocap.datasets.rig import tank_cameras
-from mocap.datasets.wander import draw_wander, skin_motion
 from numpy.typing import NDArray
 
 from eal.arrays import Array

@@ -10,10 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 from mocap.datasets.disturbances import CLEAN, Disturbances, Spoiler
-from mocap.datasets.film import outside, view
+from mocap.datasets.film import Motion, Scene, outside, view
 from mocap.datasets.linkage import unit
 from mocap.datasets.occlusion import Solid
-from mocap.datasets.recording import Motion, Scene
 from mocap.datasets.rig import picture_size
 from numpy.typing import NDArray
 

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from mocap.datasets.film import film
+from mocap.datasets.film import Scene, SyntheticRecording, film
 from mocap.datasets.linkage import rotated, turn
 from mocap.datasets.observe import Digitiser
-from mocap.datasets.recording import Scene, SyntheticRecording
 from mocap.datasets.rig import aimed
 from scipy.integrate import solve_ivp
 

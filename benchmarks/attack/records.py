@@ -33,7 +33,7 @@ from mocap.filters.poses import MarkerTrial
 import mocap
 from eal import load_potential
 from eal.archive import ArchiveError
-from mocap.batches.trial_record import RECORD, Record, read_record, write_record
+from mocap.batches.trial import RECORD, Record, read_record, write_record
 from mocap.cameras.camera import KnownLens
 from mocap.cameras.lens import BrownLens
 from mocap.digitising.clicks import Click, read_unseen, write_unseen

@@ -7,10 +7,9 @@ from functools import partial
 import numpy as np
 from mocap.datasets.bat_skeleton import bat_skeleton
 from mocap.datasets.bats import Manoeuvre, bat_motion
-from mocap.datasets.film import film
+from mocap.datasets.film import Motion, Scene, film
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, lizard_skeleton
 from mocap.datasets.observe import Digitiser
-from mocap.datasets.recording import Motion, Scene
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
 
 from benchmarks.gaps.method import Film

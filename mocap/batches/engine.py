@@ -20,8 +20,7 @@ from dask.utils import parse_bytes
 from distributed import Client, Future, KilledWorker, LocalCluster, Status
 
 from mocap.batches.one import basic_columns
-from mocap.batches.trial import Trial
-from mocap.batches.trial_record import NoWorkers, Options, Record
+from mocap.batches.trial import NoWorkers, Options, Record, Trial
 from mocap.batches.worker import TOPIC, track_here
 from mocap.errors import MocapError, shown_elsewhere
 
@@ -72,7 +71,13 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
         MocapError: their memory is too small, or no scheduler answers.
         NoWorkers: the processes do not start.
     """
-    _check(memory)
+    # a limit at which every process would be ended before it reads a trial, and started again for ever
+    try:
+        enough = memory is None or parse_bytes(memory) >= LEAST_MEMORY
+    except ValueError as error:
+        raise MocapError(f"`memory` {memory}: {error}: give it as 2GB") from None
+    if not enough:
+        raise MocapError(f"`memory` {memory}: a process needs 500 MB before it reads a trial: give more, as 2GB")
     if getattr(current_process(), "_inheriting", False):
         raise MocapError(GUARD)
     with config.set(CONFIG):
@@ -124,16 +129,6 @@ def _closed(cluster: LocalCluster) -> Iterator[None]:
                 cluster.status = Status.failed  # type: ignore[misc]  # of one that closes, a second call would wait
                 cluster._watch_worker_status_task = None  # no public name drops it
                 sleep(0.1)
-
-
-def _check(memory: str | float | None) -> None:
-    """Refuse a limit at which every process would be ended before it reads a trial, and started again for ever."""
-    try:
-        enough = memory is None or parse_bytes(memory) >= LEAST_MEMORY
-    except ValueError as error:
-        raise MocapError(f"`memory` {memory}: {error}: give it as 2GB") from None
-    if not enough:
-        raise MocapError(f"`memory` {memory}: a process needs 500 MB before it reads a trial: give more, as 2GB")
 
 
 def tracked(

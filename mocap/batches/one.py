@@ -6,8 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from mocap.batches.trial import Trial
-from mocap.batches.trial_record import Options, Record, earlier_record, keep, key_of, write_record
+from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, key_of, write_record
 from mocap.errors import MocapError, OutputError
 from mocap.io.contents import gaps
 from mocap.io.output import result_folder

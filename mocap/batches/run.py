@@ -33,8 +33,7 @@ from mocap.batches.summary import (
     write_summary,
     write_times,
 )
-from mocap.batches.trial import Trial, some
-from mocap.batches.trial_record import NoWorkers, Options, Record, earlier_record, keep, key_of, read_record
+from mocap.batches.trial import NoWorkers, Options, Record, Trial, earlier_record, keep, key_of, read_record, some
 from mocap.cameras.origin import OriginError
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
@@ -71,10 +70,6 @@ class Progress:
     total: int
     left_s: float | None
     workers: Mapping[str, str]
-
-
-def unwatched(_progress: Progress) -> None:
-    """Nobody looks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +162,7 @@ def batch(
     pictures: bool = False,
     validate: bool = True,
     seed: int = 0,
-    progress: Callable[[Progress], None] = unwatched,
+    progress: Callable[[Progress], None] = lambda _progress: None,
     **arguments: Any,
 ) -> Batch:
     """Track many trials, each as ``mocap.track`` does, and go on after a bad one.

@@ -9,13 +9,13 @@ from html import escape
 from importlib.resources import files
 from math import isfinite
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
 
 from mocap.batches.find import DATA
-from mocap.batches.trial import some
-from mocap.batches.trial_record import Record
+from mocap.batches.trial import Record, some
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.csv_table import as_cell, from_cell
@@ -209,7 +209,9 @@ def summed(records: Sequence[Record]) -> str:
 
 def _row(record: Record, seconds: float | None) -> str:
     values = {**_rows([record])[0], "seconds": None if seconds is None else f"{seconds:.1f}"}
-    cells = [f"<td>{_link(record)}</td>"]
+    name = escape(record.trial)
+    done = record.status == "done"  # then there is a folder
+    cells = [f'<td><a href="{escape(quote(record.trial))}/">{name}</a></td>' if done else f"<td>{name}</td>"]
     for name in list(SHOWN)[1:]:
         value = values.get(name)
         text = "" if value is None else escape(f"{value:.4g}" if isinstance(value, float) else str(value))
@@ -217,16 +219,6 @@ def _row(record: Record, seconds: float | None) -> str:
         kind = "" if name in ("status", "error", "animal") else ' class="n"'
         cells.append(f"<td{kind}{hint}>{text}</td>")
     return f'<tr class="{record.status}">{"".join(cells)}</tr>'
-
-
-def _link(record: Record) -> str:
-    """The name of a trial, with a link to its folder where there is a result."""
-    name = escape(record.trial)
-    if record.status != "done":
-        return name
-    from urllib.parse import quote
-
-    return f'<a href="{escape(quote(record.trial))}/">{name}</a>'
 
 
 def as_json(records: Sequence[Record]) -> str:

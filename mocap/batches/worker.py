@@ -8,8 +8,7 @@ from time import perf_counter
 from distributed import get_worker
 
 from mocap.batches.one import track_trial
-from mocap.batches.trial import Trial
-from mocap.batches.trial_record import Options, Record
+from mocap.batches.trial import Options, Record, Trial
 
 TOPIC = "mocap-batch"
 """Under which workers say what they do."""

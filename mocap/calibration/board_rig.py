@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
-from mocap.calibration.boards import Board
+from mocap.calibration.boards import Board, BoardViews
 from mocap.calibration.bundle import adjust
 from mocap.calibration.chain import chained, rigid
-from mocap.calibration.detect import BoardViews
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, lens_trouble, place, without_ray
-from mocap.calibration.rig import RigCamera, in_world, turned_rad
-from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
+from mocap.calibration.scene import Adjusted, Free, RigCamera, Scene, Sightings, in_world, turned_rad
 from mocap.cameras.lens import Lens
 from mocap.errors import CalibrationError
 
@@ -85,7 +83,9 @@ def calibrate_boards(
         for stem, corners in views[name].corners.items():
             if (at := place(corners, intrinsics[i].lens)) is not None:
                 seen[i, stem] = rigid(*at)
-    turn = _turn(board) if board.turnable else None
+    turn = None
+    if board.turnable:  # by 180 degrees about the middle of its corners
+        turn = rigid(np.diag([-1.0, -1.0, 1.0]), board.points().max(axis=0) * [1.0, 1.0, 0.0])
     T_camera = chained(seen, names, turn)
     boards, turned, left_out = _boards(seen, T_camera, turn)
     stems = list(boards)
@@ -112,12 +112,6 @@ def _fixed_lens(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
     if name not in lenses:
         raise CalibrationError(f"camera {name!r} has no known lens: there are {', '.join(map(repr, lenses))}")
     return Intrinsics(lens=lenses[name], choice="known", held_out_px={}, f_sd_px=0.0, rms_px=0.0, cov=np.zeros((0, 0)))
-
-
-def _turn(board: Board) -> Array:
-    """Board axes turned by 180 degrees about the middle of its corners."""
-    far = board.points().max(axis=0)
-    return rigid(np.diag([-1.0, -1.0, 1.0]), np.array([far[0], far[1], 0.0]))
 
 
 def _boards(

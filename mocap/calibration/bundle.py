@@ -14,8 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from eal.arrays import Array, skew
-from mocap.calibration.rig import RigCamera, turn
-from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, Lengths, Scene, Sightings
+from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, Lengths, RigCamera, Scene, Sightings, turn
 from mocap.cameras.lens import Lens
 
 State = TypeVar("State")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.calibration.rig import turned_rad
+from mocap.calibration.scene import turned_rad
 from mocap.cameras.arrangement import FEWEST_SHARED
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError

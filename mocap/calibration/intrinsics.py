@@ -9,8 +9,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
-from mocap.calibration.rig import RigCamera
-from mocap.calibration.scene import CLICK_PX, Adjusted, Free, Scene, Sightings, distinct
+from mocap.calibration.scene import CLICK_PX, Adjusted, Free, RigCamera, Scene, Sightings, distinct
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
 
@@ -184,7 +183,10 @@ def _fit(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: 
     fisheye = model is FisheyeLens
     first: type[Lens] = FisheyeLens if fisheye else BrownLens
     middle = ((size_px[0] - 1) / 2, (size_px[1] - 1) / 2)
-    f = _focal(views, size_px)
+    # Zhang's closed form, the principal point in the middle; a guess where that fails
+    boards, pixels = ([getattr(v, of).astype(np.float32) for v in views] for of in ("local_m", "uv_px"))
+    f = float(cv2.initCameraMatrix2D(boards, pixels, size_px)[0, 0])
+    f = f if 0.2 * max(size_px) < f < 100 * max(size_px) else 1.2 * max(size_px)
     f = min(f, 0.8 * max(size_px)) if fisheye else f
     lens = first.of((f, f), middle, np.zeros(first.n_coefficients))
     one = (True, *[False] * (first.n_coefficients - 1))
@@ -219,14 +221,6 @@ def _moved(views: Sequence[Corners], lens: Lens, free: Free, choice: str, name: 
     )
     adjusted = adjust(scene, sightings, free=free)
     return adjusted, adjusted.scene.cameras[0].lens
-
-
-def _focal(views: Sequence[Corners], size_px: tuple[int, int]) -> float:
-    """Focal length by Zhang's closed form, the principal point in the middle; a guess where that fails."""
-    objects = [v.local_m.astype(np.float32) for v in views]
-    pixels = [v.uv_px.astype(np.float32) for v in views]
-    f = float(cv2.initCameraMatrix2D(objects, pixels, size_px)[0, 0])
-    return f if 0.2 * max(size_px) < f < 100 * max(size_px) else 1.2 * max(size_px)
 
 
 def without_ray(lens: Lens, size_px: tuple[int, int]) -> float:

@@ -10,8 +10,7 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from eal.arrays import Array
-from mocap.calibration.rig import RigCamera, turn, turned_rad
-from mocap.calibration.scene import distinct
+from mocap.calibration.scene import RigCamera, distinct, turn, turned_rad
 from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError
 

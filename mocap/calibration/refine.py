@@ -8,8 +8,17 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust
-from mocap.calibration.rig import in_world, rig_camera, similarity, turned_rad
-from mocap.calibration.scene import CLICK_PX, Free, Lengths, distinct, point_scene
+from mocap.calibration.scene import (
+    CLICK_PX,
+    Free,
+    Lengths,
+    distinct,
+    in_world,
+    point_scene,
+    rig_camera,
+    similarity,
+    turned_rad,
+)
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.triangulate import linear, misses, robust
 from mocap.errors import CalibrationError

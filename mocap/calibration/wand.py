@@ -9,8 +9,18 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust, camera_rms
 from mocap.calibration.chain import first_stands, rigid
-from mocap.calibration.rig import RigCamera, in_world
-from mocap.calibration.scene import CLICK_PX, Adjusted, Free, Lengths, Scene, Sightings, distinct, point_scene
+from mocap.calibration.scene import (
+    CLICK_PX,
+    Adjusted,
+    Free,
+    Lengths,
+    RigCamera,
+    Scene,
+    Sightings,
+    distinct,
+    in_world,
+    point_scene,
+)
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.lens import Lens
 from mocap.cameras.triangulate import linear

@@ -27,18 +27,18 @@ def desk(
 
     Example: mocap desk data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml
     """
-    from mocap import web as pages  # before all that needs the extra, which it names
     from mocap.batches.run import checked_model
-    from mocap.batches.trial_record import Options
+    from mocap.batches.trial import Options
     from mocap.desk.desk import opened_desk
     from mocap.desk.page import desk_page
+    from mocap.web.server import served  # before all that needs the extra, which it names
 
     options = Options(model=checked_model(model), validate=validate)
     with (
         opened_desk(
             sources or ["."], out, options=options, jobs=jobs, arguments=recording_options.arguments()
         ) as opened,
-        pages.served(desk_page(opened), port=port) as page,
+        served(desk_page(opened), port=port) as page,
     ):
         say(
             f"The desk is at {page.address} (Ctrl-C here ends it; each correction is kept in {out} at once)",

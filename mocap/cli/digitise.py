@@ -67,17 +67,17 @@ def digitise(
         "error_px": error_px,
     }
     if web:
-        from mocap import web as pages  # before all that needs the extra, which it names
-        from mocap.batches.trial_record import Options
+        from mocap.batches.trial import Options
         from mocap.desk.desk import Desk
         from mocap.desk.page import desk_page
         from mocap.desk.session import SAVED, open_session
+        from mocap.web.server import served  # before all that needs the extra, which it names
 
         words = [word for word in sys.argv[1:] if word != "--web"]  # of two --start the last one counts
         same = typed(program(), *words, "--start", out / SAVED, "--force")
         session = open_session(videos, folder=out, start=start, command=same, **given)
         desk = Desk(out=out, trials={}, options=Options(), proof=session)
-        with pages.served(desk_page(desk), port=port) as page:
+        with served(desk_page(desk), port=port) as page:
             say(
                 f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
                 "Who has this address can see the videos and change the clicks: keep it to yourself.",

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from eal.needs import MissingPackageError
 from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
 from mocap.cli.compare_joints import compare_joints
@@ -174,7 +175,7 @@ def explain(error: BaseException) -> int:
         place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
         say_error(f"the disk is full, or your quota is used up{place}: free some space, or give another --out{ending}")
         return TROUBLE
-    if isinstance(error, ImportError) and _is_told(error):
+    if isinstance(error, MissingPackageError):  # an extra, whose message says how to install it
         say_error(f"{error}{ending}; see: mocap help {INSTALLING}")
         return TROUBLE
     if isinstance(error, MocapError):
@@ -202,13 +203,6 @@ def explain(error: BaseException) -> int:
         f"{DEBUG}{ending}"
     )
     return FAULT
-
-
-def _is_told(error: ImportError) -> bool:
-    """Whether an import failed for an extra whose message says how to install it."""
-    from eal.needs import MissingPackageError
-
-    return isinstance(error, MissingPackageError)
 
 
 def _disk_is_full(error: BaseException) -> bool:

@@ -91,7 +91,7 @@ def track(
     )
     opened = []
     if movies.video:
-        from mocap.rerun.log_video import open_movies
+        from mocap.io.movies import open_movies
 
         opened = open_movies(movies.video)
     if live and learned is not None:

@@ -17,8 +17,7 @@ from typing import Any
 from mocap import audit
 from mocap.batches.find import PLAN, find_trials
 from mocap.batches.run import batch
-from mocap.batches.trial import Trial, read_manifest, write_manifest
-from mocap.batches.trial_record import Options, earlier_record, read_record
+from mocap.batches.trial import Options, Trial, earlier_record, read_manifest, read_record, write_manifest
 from mocap.cameras.arrangement import ArrangementError
 from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof

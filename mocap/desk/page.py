@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from mocap.desk.desk import MEND, PASSED, Desk
-from mocap.web import Nothing, Query, below, changes, limits_of, page, reads, task
+from mocap.web.tasks import Nothing, Query, below, changes, limits_of, page, reads, task
 
 _POLICY = (
     "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "

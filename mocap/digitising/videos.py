@@ -18,7 +18,7 @@ from mocap.cameras.camera import Camera, cropped_camera, stacked, undistorted
 from mocap.digitising.dots import Grey
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.crop import matched
-from mocap.io.movies import PICTURES, Movie, by_number, open_movie
+from mocap.io.movies import Movie, listed, open_movie
 
 AHEAD = 4
 """So many frames of each video are decoded before they are asked for: of speed and memory alone."""
@@ -111,7 +111,7 @@ def open_videos(
     Raises:
         MocapError: not one video a camera, or videos of other sizes, with what fits.
     """
-    paths = _listed(given)
+    paths = listed(given)
     if len(paths) != len(cameras):
         raise MocapError(
             f"`videos`: {len(paths)} videos ({', '.join(p.name for p in paths)}) for {len(cameras)} cameras "
@@ -160,7 +160,7 @@ def open_windows(
     Raises:
         MocapError: a video has no offsets, its window moves or is not inside the image, or as ``open_videos``.
     """
-    paths = _listed(given)
+    paths = listed(given)
     views = [[camera.name for camera in cameras], [path.stem for path in paths]]
     found = (matched(crops, [[name] for name in names]) for names in views if len(names) == len(cameras))
     offsets = next((each for each in found if each is not None), None)
@@ -191,14 +191,6 @@ def open_windows(
             )
         windows.append(replace(cropped_camera(camera, offset[0]), size_px=movie.size_px))
     return videos, tuple(windows)
-
-
-def _listed(given: Sequence[Path]) -> list[Path]:
-    if len(given) == 1 and given[0].is_dir():
-        inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
-        videos = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES]
-        return videos or list(given)
-    return list(given)
 
 
 def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie]) -> None:

@@ -53,17 +53,14 @@ def camera_sections(path: Path) -> list[tuple[str, Any]]:
     array = table.get("cameras")
     if not numbered and isinstance(array, dict):
         numbered = {key: (f"cam_{key}", part) for key, part in array.items() if re.fullmatch(r"\d{1,9}", key)}
-    found = [numbered[key] for key in sorted(numbered, key=int) if not _is_left_out(numbered[key][1])]
+    # a camera that Caliscope was told to ignore, of which it then knows no place
+    ignored = {k for k, (_, one) in numbered.items() if isinstance(one, dict) and one.get("ignore") is True}
+    ignored -= {k for k in ignored if numbered[k][1].keys() >= {"rotation", "translation"}}
+    found = [numbered[key] for key in sorted(numbered.keys() - ignored, key=int)]
     found = found or [(key, part) for key, part in table.items() if isinstance(part, dict) and part.keys() >= _KEYS]
     if not found:
         raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
     return found
-
-
-def _is_left_out(section: Any) -> bool:
-    """Whether Caliscope was told to ignore a camera, of which it then knows no place."""
-    ignored = isinstance(section, dict) and section.get("ignore") is True
-    return ignored and not section.keys() >= {"rotation", "translation"}
 
 
 def _camera(path: Path, key: str, section: Any) -> Camera:

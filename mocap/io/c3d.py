@@ -14,7 +14,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FILLED, FileContents, point_recording, points_of
 from mocap.io.format import Format
-from mocap.io.optical import RATES_HZ, metres, told_apart, unit_of
+from mocap.io.lines import RATES_HZ, metres, told_apart, unit_of
 from mocap.records import Status
 
 BLOCK = 512  # bytes, of the format

@@ -14,7 +14,7 @@ from mocap.cameras.camera import Camera, scaled
 from mocap.cameras.lens import Lens
 from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
-from mocap.io.optical import metres, rate
+from mocap.io.lines import metres, rate
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 from mocap.text import file_names
 
@@ -115,10 +115,6 @@ class FileContents:
     def length_m(self, path: Path) -> float:
         """Metres in the unit of lengths, of ``path`` for messages; 1 where it is not known: lengths are then in it."""
         return metres(path, self.unit) if self.unit else 1.0
-
-    def without_points(self) -> "FileContents":
-        """With pixels alone."""
-        return replace(self, points=None)
 
     def renamed(self, names: Sequence[str]) -> "FileContents":
         """With other names of the markers, in their order."""

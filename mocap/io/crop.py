@@ -46,7 +46,10 @@ def read_crops(path: Path) -> dict[str, Array]:
             raise FormatError(f"{path.name}: {VARIABLE} contains no numbers; expected {KNOWN}") from None
         return {path.stem: _offsets(path, table.T if table.shape[0] == 2 and table.shape[1] != 2 else table)}
     if beginning.start[:1] == b"\x80":
-        return {path.name.removesuffix(META): _offsets(path, _corner(path, _cropping(path)))}
+        with damaged(f"{path.name}: no cropping_parameters of DeepLabCut in it", f"expected {KNOWN}"):
+            data = plain_pickle(path.read_bytes(), inert=True)["data"]
+            box = data["cropping_parameters"] if data["cropping"] else (0, 0, 0, 0)
+        return {path.name.removesuffix(META): _offsets(path, _corner(path, box))}
     found = _config(path, beginning) or _table(path, beginning)
     if not found:
         raise FormatError(f"{path.name}: contains no crop offsets; expected {KNOWN}")
@@ -143,13 +146,6 @@ def _offsets(path: Path, values: Array) -> Array:
     if np.abs(values).max() > 1e5:
         raise FormatError(f"{path.name}: a crop offset of {np.abs(values).max():g} px lies in no image")
     return values
-
-
-def _cropping(path: Path) -> Any:
-    """``data.cropping_parameters`` [x1, x2, y1, y2] of DeepLabCut's meta file; zeros where it did not crop."""
-    with damaged(f"{path.name}: no cropping_parameters of DeepLabCut in it", f"expected {KNOWN}"):
-        data = plain_pickle(path.read_bytes(), inert=True)["data"]
-        return data["cropping_parameters"] if data["cropping"] else (0, 0, 0, 0)
 
 
 def _corner(path: Path, box: Any) -> Array:

@@ -126,7 +126,13 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
         group: Any = file[_KEY if _KEY in file else tables[0]]
         columns, stored, values, index = (_table_layout if "table" in group else _fixed_layout)(path, group)
         at = {key: i for i, key in enumerate(stored)}
-        return _levels(path, columns), values[:, [at[key] for key in columns]], index
+        if not columns or {len(column) for column in columns} - {3, 4}:
+            raise FormatError(
+                f"{path.name}: the columns lack DeepLabCut's levels scorer, (individuals,) bodyparts, "
+                "coords: export it again"
+            )
+        whose = [(("" if len(column) == 3 else column[1]), *column[-2:]) for column in columns]
+        return whose, values[:, [at[key] for key in columns]], index
 
 
 def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]], Array, Index]:
@@ -172,16 +178,6 @@ def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
         names = plain_pickle(data)
         names = names[0][1] if len(names) == 1 and isinstance(names[0][1], list) else names  # of an axis
         return [tuple(str(word) for word in name) for name in names]
-
-
-def _levels(path: Path, columns: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Columns as (individual, body part, coordinate) from (scorer, [individual,] body part, coordinate)."""
-    if not columns or {len(column) for column in columns} - {3, 4}:
-        raise FormatError(
-            f"{path.name}: the columns lack DeepLabCut's levels scorer, (individuals,) bodyparts, "
-            "coords: export it again"
-        )
-    return [(("" if len(column) == 3 else column[1]), *column[-2:]) for column in columns]
 
 
 def _word(value: Any) -> str:

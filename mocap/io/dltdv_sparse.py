@@ -8,7 +8,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
 from mocap.io.format import Format, Head, Hints, head
 from mocap.io.lines import numbers, read_lines

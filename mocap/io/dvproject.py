@@ -11,12 +11,12 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
 from mocap.documents import damaged
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.dltdv import ahead
 from mocap.io.easywand import is_tdata, lens_of
 from mocap.io.format import Hints, file_format
-from mocap.io.optical import rate
+from mocap.io.lines import rate
 from mocap.records import marker_tracks
 
 _DATA = "udExport/data"

@@ -18,7 +18,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import MOST_FRAMES, image_numbers
@@ -132,14 +132,6 @@ def _followed(frames: dict[int, list[Array]]) -> tuple[dict[int, Array], int]:
     return out, most
 
 
-def _content(path: Path) -> str:
-    inside = sorted(p.name for p in path.iterdir())
-    if not inside:
-        return " with nothing in it"
-    more = f", ... ({len(inside)} in all)" if len(inside) > 3 else ""
-    return f" without poses (JSON, one file per frame); in it: {', '.join(inside[:3])}{more}"
-
-
 def read_folder(path: Path) -> FileContents:
     """Pixels and likelihoods of a folder of JSON files of one camera, of a folder of such folders, or of one file.
 
@@ -152,7 +144,11 @@ def read_folder(path: Path) -> FileContents:
     else:
         views = {path.stem: [path]}
     if not any(views.values()):
-        raise FormatError(f"{path.resolve().name}: is a folder{_content(path)}: give a file")
+        inside = sorted(p.name for p in path.iterdir())
+        more = f", ... ({len(inside)} in all)" if len(inside) > 3 else ""
+        content = f" without poses (JSON, one file per frame); in it: {', '.join(inside[:3])}{more}"
+        content = content if inside else " with nothing in it"
+        raise FormatError(f"{path.resolve().name}: is a folder{content}: give a file")
     tracks, most, frames = {}, 0, set[int]()
     for name, files in views.items():
         people = _frames(files)

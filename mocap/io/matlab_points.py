@@ -10,8 +10,7 @@ from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Format, Head, Hints, file_format
-from mocap.io.lines import frame_numbers
-from mocap.io.optical import rate, told_apart
+from mocap.io.lines import frame_numbers, rate, told_apart
 
 
 def _numbers(path: Path, value: Any, what: str) -> Array:

@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, of_animals, pixel_recording, point_recording, views_of
 from mocap.io.format import Format
-from mocap.io.lines import MOST_FRAMES, frame_numbers
+from mocap.io.lines import MOST_FRAMES, frame_numbers, metres, rate_of_times, unit_of
 from mocap.io.netcdf import as_netcdf, read_netcdf
-from mocap.io.optical import metres, rate_of_times, unit_of
 from mocap.io.tables import WORDS, with_sd
 from mocap.records import Status
 from mocap.schema import LARGEST, Entry, checked
@@ -79,6 +77,11 @@ def _recording(path: Path, data: Any) -> FileContents:
     if len(views) != 1:
         raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
     origin = _array(path.name, data, "status" if "status" in data else "origin", order)
+    if origin is not None:
+        whole = origin[0].astype(np.int64) if (np.abs(origin) < MOST_FRAMES).all() else origin[0]
+        kept: Any = whole if np.array_equal(whole, origin[0]) else origin[0]
+        codes = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))
+        origin = checked(path.name, {"status": kept}, {"status": codes}, again=_AGAIN)["status"]
     unit = unit_of(str(attributes.get("space_unit", "")))
     sd = _array(path.name, data, "sd", order)
     found = point_recording(
@@ -87,7 +90,7 @@ def _recording(path: Path, data: Any) -> FileContents:
         xyz=values[0],
         unit=unit,
         t_s=frames / (fps or 1.0) if in_frames else times,
-        status=None if origin is None else _codes(path, origin[0]),
+        status=origin,
         score=None if score is None else score[0],
         **common,
     )
@@ -100,13 +103,6 @@ def _recording(path: Path, data: Any) -> FileContents:
     cov = data["covariance"].isel(view=0) if "view" in data["covariance"].dims else data["covariance"]
     cov = np.asarray(cov.transpose(*both).values, dtype=np.float64).reshape(len(times), -1, 3, 3) * scale**2
     return replace(found, points=replace(found.points, cov_m2=cov))
-
-
-def _codes(path: Path, values: Array) -> NDArray[np.int64]:
-    whole = values.astype(np.int64) if (np.abs(values) < MOST_FRAMES).all() else values
-    kept: Any = whole if np.array_equal(whole, values) else values
-    codes = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))
-    return checked(path.name, {"status": kept}, {"status": codes}, again=_AGAIN)["status"]
 
 
 def _array(where: str, data: Any, name: str, order: tuple[str, ...]) -> Array | None:

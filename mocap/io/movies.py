@@ -1,7 +1,7 @@
 """Movies of a camera, read frame by frame: movie files of any kind that FFmpeg knows, or folders of images."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -132,6 +132,23 @@ def open_movie(path: Path) -> Movie:
     pts = np.unique(np.array(stamps, dtype=np.int64))
     fps = float(rate) if rate else None
     return Movie(path=path, pictures=(), pts=pts, size_px=size, codec=codec, fps=fps)
+
+
+def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
+    """The movies of all cameras, in their order: of files or folders of images, or of one folder of these.
+
+    Raises:
+        MocapError: one of them is no movie.
+    """
+    return tuple(open_movie(path) for path in listed(given))
+
+
+def listed(given: Sequence[Path]) -> list[Path]:
+    """Movies, or those of one folder that holds just these, sorted by their names, numbers by their value."""
+    if len(given) == 1 and given[0].is_dir():
+        inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
+        given = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES] or given
+    return list(given)
 
 
 def by_number(path: Path) -> list[tuple[int, int | str]]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap.documents import damaged
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.schema import Schema, checked
 
 if TYPE_CHECKING:  # xarray takes a fifth of a second, which files of other kinds need not wait for

@@ -25,7 +25,7 @@ from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
-from mocap.io.optical import UNIT_M, rate_of_times, told_apart
+from mocap.io.lines import UNIT_M, rate_of_times, told_apart
 from mocap.records import Status
 
 _KINDS = ("MultiCameraPoseEstimation", "PoseEstimation")

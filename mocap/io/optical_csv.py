@@ -9,8 +9,7 @@ import numpy as np
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Hints, file_format
-from mocap.io.lines import frame_numbers, number, numbers, read_lines
-from mocap.io.optical import rate, told_apart
+from mocap.io.lines import frame_numbers, number, numbers, rate, read_lines, told_apart
 
 KINDS = (("marker",), ("rigid body marker", "bone marker"), ("rigid body", "bone"))
 """What columns are of, what was measured first: markers, places of a body's markers as it was fitted, bodies."""

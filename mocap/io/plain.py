@@ -13,8 +13,7 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import Key, has_titles, laid_out, read_table
 from mocap.io.dltdv import PIXEL, names_of
 from mocap.io.format import Format, Head, Hints, file_format
-from mocap.io.lines import FRAMES, frame_numbers
-from mocap.io.optical import rate_of_times, time_unit_s
+from mocap.io.lines import FRAMES, frame_numbers, rate_of_times, time_unit_s
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
 _UNIT = re.compile(rf"(?P<title>.+?)\s*(?:[\[(]\s*(?P<a>{_UNITS})\s*[\])]|(?<=[xyzXYZ])[ _](?P<b>mm|cm|m))", re.DOTALL)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
-from mocap.io.optical import RATES_HZ
+from mocap.io.lines import RATES_HZ
 from mocap.records import Status
 from mocap.schema import not_covariances
 from mocap.text import visible

@@ -18,7 +18,6 @@ from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError, FormatError
 from mocap.io import lines
 from mocap.io.contents import FileContents, calibration_recording
-from mocap.io.dltdv import is_number_row
 from mocap.io.easywand import read_tform
 from mocap.io.format import Format, Head, Hints, file_format, head
 
@@ -184,7 +183,7 @@ def write_profile(path: Path, cameras: Sequence[Camera]) -> None:
 
 def _knows(columns: Sequence[int]) -> Callable[[Head], bool]:
     """Whether the first line has so many numbers between spaces."""
-    return lambda head: len(cells := _spaced(head.first)) in columns and is_number_row(tuple(cells))
+    return lambda head: len(cells := _spaced(head.first)) in columns and lines.is_number_row(tuple(cells))
 
 
 def _is_profile(head: Head) -> bool:
@@ -194,7 +193,7 @@ def _is_profile(head: Head) -> bool:
     rows = [_cells(line) for line in head.lines if line.strip()]
     if len(rows) > 1 and _titled(rows[0]):
         return True
-    if not rows or not all(len(row) == 12 and is_number_row(tuple(row)) for row in rows):
+    if not rows or not all(len(row) == 12 and lines.is_number_row(tuple(row)) for row in rows):
         return False
     numbers = [[float(cell) for cell in row] for row in rows]
     whole = all(size == round(size) and size >= 16 for row in numbers for size in row[2:4])

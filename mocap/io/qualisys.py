@@ -12,8 +12,7 @@ from mocap.errors import FormatError
 from mocap.io.apart import variables
 from mocap.io.contents import Bodies, FileContents, point_recording, table_recording
 from mocap.io.format import Format, Head, Hints, file_format
-from mocap.io.lines import frame_numbers, numbers, read_lines
-from mocap.io.optical import rate
+from mocap.io.lines import frame_numbers, numbers, rate, read_lines
 from mocap.io.rigid import fixed_markers
 from mocap.records import Status
 

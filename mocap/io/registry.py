@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
@@ -19,7 +19,6 @@ from mocap.io import (
     c3d,
     deeplabcut,
     dltdv,
-    dltdv_set,
     dltdv_sparse,
     dvproject,
     easywand,
@@ -177,7 +176,7 @@ def _each(*places: ModuleType | Format) -> Iterator[Format]:
 FORMATS = (
     *_each(dvproject, dltdv, dltdv_sparse, easywand, profile, deeplabcut, sleap, movement, nwb, anipose, other_rigs),
     *_each(keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
-    *_each(plain.typed_pixels, xmalab, argus, dltdv_set),
+    *_each(plain.typed_pixels, xmalab, argus),
     *offered("mocap.formats", Format).values(),
     plain.CSV,
 )
@@ -292,18 +291,8 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     return _of_either(path, hints, format, of_file)
 
 
-@contextmanager
-def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """A table to read in place of one that a spreadsheet or another program wrote, and sentences on how it was read.
-
-    For readers of one kind of file that the user names as such: camera profiles, coefficients, known points. It is
-    there while the context lasts.
-
-    Raises:
-        FormatError: its text has no separator, decimal mark and encoding that ``mocap.io.transcribe`` knows.
-    """
-    with transcribed(path, knows=_is_known) as (file, notes):
-        yield file, notes
+as_table = partial(transcribed, knows=_is_known)
+"""For readers of one kind of table that the user names as such: camera profiles, coefficients, known points."""
 
 
 def writer(path: Path, name: str | None) -> Format:

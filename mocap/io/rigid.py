@@ -9,7 +9,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import Bodies, FileContents
-from mocap.io.optical import UNIT_M
+from mocap.io.lines import UNIT_M
 
 
 def fixed_markers(names: Sequence[str], xyz: Array, bodies: Sequence[str], transforms: Array) -> Bodies:

@@ -10,7 +10,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.documents import damaged
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, camera_files, of_animals, pixel_recording, point_recording, points_of
 from mocap.io.format import Format, Hints, file_format
 

@@ -15,9 +15,8 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.csv_table import as_cells, as_workbook_cell, from_cell, to_the_last_bit
 from mocap.io.format import Format, Hints
-from mocap.io.lines import LARGEST, frame_numbers, number
-from mocap.io.optical import rate_of_times
-from mocap.io.workbook import write_sheet
+from mocap.io.lines import LARGEST, frame_numbers, number, rate_of_times
+from mocap.io.workbook import write_sheets
 from mocap.records import Status
 
 if TYPE_CHECKING:
@@ -225,7 +224,8 @@ def _write_columns(path: Path, columns: dict[str, Any]) -> None:
 
     table = pd.DataFrame(columns)
     if path.suffix.lower() == ".xlsx":
-        write_sheet(path, [as_workbook_cell(title) for title in columns], table.itertuples(index=False))
+        cells = [as_workbook_cell(title) for title in columns]
+        write_sheets(path, {"markers": (cells, table.itertuples(index=False))})
     else:
         table.to_csv(path, index=False, header=as_cells(columns), na_rep="NaN", lineterminator="\n")
 

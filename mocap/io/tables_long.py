@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.documents import damaged, from_json
 from mocap.errors import FormatError, MocapError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording, points_of
 from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.format import Format, Hints
-from mocap.io.lines import frame_numbers
-from mocap.io.optical import rate_of_times
+from mocap.io.lines import frame_numbers, rate_of_times
 from mocap.io.tables import EDITED, REPAIRED, WORDS, check_origins, codes, read_rows, titles, with_sd
 from mocap.records import MarkerTracks
 from mocap.schema import POSITIVE, Entry, checked

@@ -11,8 +11,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date
 from decimal import Decimal
 
-from mocap.io.lines import MISSING_WORDS
-from mocap.io.optical import time_unit_s, unit_of
+from mocap.io.lines import MISSING_WORDS, time_unit_s, unit_of
 from mocap.text import number_of
 
 Cells = list[str]
@@ -50,7 +49,8 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
     start = 1 + max((k for k, row in enumerate(cells[:100]) if not _is_row(row)), default=-1)
     rows, above = cells[start:], {i: row for i, row in zip(kept[:start], cells, strict=False) if any(row)}
     width = len(rows[0]) if rows else 0
-    if len(rows) < 2 or any(len(row) != width for row in rows) or any(map(_all_values, above.values())):
+    numbers_above = any(len(row) > 1 and any(row) and all(map(_is_value, row)) for row in above.values())
+    if len(rows) < 2 or any(len(row) != width for row in rows) or numbers_above:
         return None
     if sum(_KEY.fullmatch(row[0]) is not None for row in above.values()) > 1:
         return None
@@ -62,7 +62,10 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
         return None  # somebody took a row out by a mark before it
     notes = [i for i in sorted((*above, *comments)) if i not in used]
     unit = next((found[1] for i in notes if (found := _UNIT_NOTE.match(comments.get(i, lines[i])))), "")
-    changes = _left_out(lines, notes)
+    shown = "; ".join(f"{i + 1}: {lines[i].strip(' ,;|')[:60]!r}" for i in notes[:_SHOWN])
+    more = ", ..." if len(notes) > _SHOWN else ""
+    left_out = f"{number_of(len(notes), 'line')} beside titles and numbers left out, and not counted ({shown}{more})"
+    changes = [left_out] if notes else []
     blank = kept[-1] - kept[start] + 1 - len(rows) - sum(kept[start] < i < kept[-1] for i in comments)
     if blank:
         changes.append(f"{number_of(blank, 'blank line')} among the rows left out, though it may have been a frame")
@@ -100,11 +103,6 @@ def _is_row(cells: Cells) -> bool:
     """Whether most cells that are not empty are values: a column of words may stand among them."""
     filled = [cell for cell in cells if cell]
     return len(cells) > 1 and 2 * sum(map(_is_value, filled)) >= len(filled) + 1 - (not filled)
-
-
-def _all_values(cells: Cells) -> bool:
-    """Whether a line above the titles is one of numbers, so that the titles are none."""
-    return all(map(_is_value, cells)) and any(cells) and len(cells) > 1
 
 
 def _separator(rows: Sequence[str]) -> str | None:
@@ -213,11 +211,3 @@ def _numbers(title: str, column: Sequence[str], *, quoted: bool) -> tuple[Cells,
         raise ValueError(title)
     note = f"numbers have decimal commas: {commas[0]} is read as {commas[0].replace(',', '.')}" if commas else ""
     return [cell.replace(",", ".") for cell in column], note
-
-
-def _left_out(lines: Sequence[str], notes: Sequence[int]) -> list[str]:
-    if not notes:
-        return []
-    shown = "; ".join(f"{i + 1}: {lines[i].strip(' ,;|')[:60]!r}" for i in notes[:_SHOWN])
-    more = ", ..." if len(notes) > _SHOWN else ""
-    return [f"{number_of(len(notes), 'line')} beside titles and numbers left out, and not counted ({shown}{more})"]

@@ -236,7 +236,11 @@ def _with(base: FileContents, other: FileContents) -> FileContents:
     elif not (other.cameras or other.lenses) and other.names and len(other.names) == len(base.names):
         return replace(base, **changes).renamed(other.names)  # type: ignore[arg-type]
     merged = replace(base, **changes)  # type: ignore[arg-type]
-    return _with_lenses(merged) if merged.cameras and merged.lenses and not base.lenses else merged
+    if not (merged.cameras and merged.lenses) or base.lenses:
+        return merged
+    pairs = zip(merged.cameras, merged.lenses, strict=True)
+    cameras = (replace(c, lens=lens.if_bent, size_px=size or c.size_px) for c, (lens, size) in pairs)
+    return replace(merged, cameras=tuple(cameras))
 
 
 def _versions(base: FileContents, other: FileContents) -> str:
@@ -268,14 +272,6 @@ def _tables(base: FileContents, other: FileContents, where: str) -> dict[str, Ar
         )
     pick = [other.names.index(name) for name in base.names] if other.names else []
     return {name: table if name == "offset_frames" else table[:, pick] for name, table in other.tables.items()}
-
-
-def _with_lenses(recording: FileContents) -> FileContents:
-    cameras = [
-        replace(camera, lens=lens.if_bent, size_px=size or camera.size_px)
-        for camera, (lens, size) in zip(recording.cameras, recording.lenses, strict=True)
-    ]
-    return replace(recording, cameras=tuple(cameras))
 
 
 def convert_files(
@@ -331,7 +327,15 @@ def point_names(given: Path | Sequence[str], count: int) -> list[str]:
         FormatError: there are not as many, or one appears twice.
     """
     where = given.name if isinstance(given, Path) else "`names`"
-    names = _of_file(given) if isinstance(given, Path) else list(given)
+    if not isinstance(given, Path):
+        names = list(given)
+    else:
+        try:
+            names = list(read(given).names)
+        except FormatError:
+            lines = [line.strip() for line in read_lines(given) if line.strip()]
+            cells = lines if len(lines) > 1 else lines[0].replace("\t", ",").split(",")
+            names = [visible(cell.strip().strip('"')) for cell in cells]
     if len(names) != count:
         raise FormatError(
             f"{where}: {len(names)} names for {count} points of the recording: give one name a line, in its order"
@@ -339,12 +343,3 @@ def point_names(given: Path | Sequence[str], count: int) -> list[str]:
     if len(set(names)) != count:
         raise FormatError(f"{where}: {max(names, key=names.count)!r} appears twice: rename one")
     return names
-
-
-def _of_file(path: Path) -> list[str]:
-    try:
-        return list(read(path).names)
-    except FormatError:
-        lines = [line.strip() for line in read_lines(path) if line.strip()]
-        cells = lines if len(lines) > 1 else lines[0].replace("\t", ",").split(",")
-        return [visible(cell.strip().strip('"')) for cell in cells]

@@ -10,8 +10,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of, table_recording
 from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.format import Format, Head, Hints, file_format
-from mocap.io.lines import frame_numbers, number, numbers, read_lines
-from mocap.io.optical import metres, rate_of_times, told_apart, unit_of
+from mocap.io.lines import frame_numbers, metres, number, numbers, rate_of_times, read_lines, told_apart, unit_of
 
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
 

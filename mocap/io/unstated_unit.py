@@ -7,7 +7,7 @@ from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import FormatError
 from mocap.findings import Finding
 from mocap.io.contents import FileContents
-from mocap.io.optical import UNIT_M
+from mocap.io.lines import UNIT_M
 
 ANIMALS_M = (1e-4, 20.0)
 """From a mite to a whale: no animal whose markers are followed is shorter or longer."""

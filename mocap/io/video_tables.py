@@ -8,12 +8,11 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table
 from mocap.io.format import Head, Hints, file_format
-from mocap.io.lines import frame_numbers
-from mocap.io.optical import rate_of_times
+from mocap.io.lines import frame_numbers, rate_of_times
 
 if TYPE_CHECKING:
     import pandas as pd

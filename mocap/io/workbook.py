@@ -4,13 +4,13 @@ import csv
 import io
 import math
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from mocap.documents import damaged
 from mocap.errors import FormatError
-from mocap.io.bounds import check_bytes
+from mocap.io.apart import check_bytes
 
 _OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
 """The signature of .xls."""
@@ -154,23 +154,26 @@ COLUMNS, ROWS = 16_384, 1_048_576
 """What a sheet of Excel holds."""
 
 
-def write_sheet(path: Path, titles: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """A workbook of one sheet; numbers that are not finite become empty cells.
+def write_sheets(path: Path, sheets: Mapping[str, tuple[Sequence[Any], Iterable[Sequence[Any]]]]) -> None:
+    """A workbook of sheets by name, each with titles and rows; numbers that are not finite become empty cells.
 
     Raises:
-        FormatError: openpyxl is not there, or the table is larger than a sheet.
+        FormatError: openpyxl is not there, or a table is larger than a sheet.
     """
     try:
         import openpyxl
     except ImportError:
         raise FormatError(f"{path.name}: workbooks need openpyxl: pip install 'eal-mocap[excel]'") from None
-    if len(titles) > COLUMNS:
-        raise FormatError(f"{path.name}: {len(titles)} columns, but a sheet of Excel has {COLUMNS}: write .csv or .nc")
     book = openpyxl.Workbook(write_only=True)
-    sheet = book.create_sheet("markers")
-    sheet.append(list(titles))
-    for number, row in enumerate(rows, start=2):
-        if number > ROWS:
-            raise FormatError(f"{path.name}: a sheet of Excel has {ROWS} rows: write .csv, .parquet or .nc")
-        sheet.append([None if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in row])
+    for name, (titles, rows) in sheets.items():
+        if len(titles) > COLUMNS:
+            raise FormatError(
+                f"{path.name}: {len(titles)} columns, but a sheet of Excel has {COLUMNS}: write .csv or .nc"
+            )
+        sheet = book.create_sheet(name)
+        sheet.append(list(titles))
+        for number, row in enumerate(rows, start=2):
+            if number > ROWS:
+                raise FormatError(f"{path.name}: a sheet of Excel has {ROWS} rows: write .csv, .parquet or .nc")
+            sheet.append([None if isinstance(cell, float) and not math.isfinite(cell) else cell for cell in row])
     book.save(path)

@@ -53,15 +53,6 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
     return pixel_recording(path, "xmalab-2d", names=names, cameras=cameras, uv_px=uv, findings=(_NO_PIXELS,))
 
 
-def _cut_off(names: list[str]) -> tuple[list[str], str | None]:
-    """Names without the filter's frequency, and that."""
-    found = [re.fullmatch(r"(.+)_([\d.]+(?:e[+-]?\d+)?)Hz", name) for name in names]
-    filters = {match[2] for match in found if match}
-    if not all(found) or len(filters) != 1:
-        return names, None
-    return [match[1] for match in found if match], filters.pop()
-
-
 def _is_points(head: Head) -> bool:
     cells = head.cells()
     cells = cells[1:] if cells[:1] == ("Frame",) else cells
@@ -74,7 +65,10 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     frames, header, values = _frames(path, header, values)
     axes = ["_X", "_Y", "_Z"]
     names, _, (xyz,) = by_title(path, (header, values), _POINT, axes, expected="names like tip_X")
-    names, hertz = _cut_off(list(names))
+    # the frequency of a low-pass filter, which ends every name
+    ends, hertz = [re.fullmatch(r"(.+)_([\d.]+(?:e[+-]?\d+)?)Hz", name) for name in names], None
+    if all(ends) and len({end[2] for end in ends if end}) == 1:
+        names, hertz = tuple(end[1] for end in ends if end), next(end[2] for end in ends if end)
     findings = list[str]()
     if hertz is not None:
         findings.append(f"points were low-pass filtered at {hertz} Hz by XMALab")

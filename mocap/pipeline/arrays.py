@@ -16,8 +16,8 @@ from mocap.cameras.origin import PixelCorner, PixelOptions
 from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
+from mocap.io.lines import metres, rate_of_times
 from mocap.io.movement import of_dataset
-from mocap.io.optical import metres, rate_of_times
 from mocap.io.plausible import plausible
 from mocap.pipeline.ideal_pixels import with_ideal_pixels
 from mocap.pipeline.reading import animal, calibration_of, check_rig, complete

@@ -9,12 +9,11 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.calibration.board_rig import calibrate_boards
-from mocap.calibration.boards import Board
-from mocap.calibration.detect import detect, pictures_of
+from mocap.calibration.boards import Board, detect, pictures_of
 from mocap.calibration.dlt import CHECKED_FROM, fit_dlt
 from mocap.calibration.intrinsics import CHOICES
 from mocap.calibration.refine import Bone, refine_cameras
-from mocap.calibration.rig import RigCamera, in_world, rig_lens, upside_down
+from mocap.calibration.scene import RigCamera, in_world, rig_lens, upside_down
 from mocap.calibration.wand import MOVES, WandCalibration, calibrate_wand
 from mocap.cameras.camera import Camera
 from mocap.errors import CalibrationError, FormatError

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.calibration.boards import Board, Corners
-from mocap.calibration.detect import KINDS, BoardViews, Pictures, detect, of_files, pictures_of
+from mocap.calibration.boards import KINDS, Board, BoardViews, Corners, Pictures, detect, of_files, pictures_of
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, without_ray
 from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError

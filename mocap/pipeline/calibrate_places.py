@@ -7,8 +7,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.calibration.board_rig import UP
-from mocap.calibration.boards import Board
-from mocap.calibration.detect import KINDS, detect, of_files
+from mocap.calibration.boards import KINDS, Board, detect, of_files
 from mocap.calibration.places import Place, place_cameras
 from mocap.cameras.camera import Camera, KnownLens, stacked, undistorted
 from mocap.cameras.triangulate import linear

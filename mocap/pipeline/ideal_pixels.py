@@ -12,7 +12,7 @@ from mocap.calibration.lens_of_tracks import lens_of_tracks
 from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.cameras.origin import PixelOptions, PixelOrigin, decide_origin, origin_alone
 from mocap.errors import CalibrationError, FormatError
-from mocap.io.optical import UNIT_M
+from mocap.io.lines import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording, dataset

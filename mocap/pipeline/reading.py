@@ -19,7 +19,7 @@ from mocap.io import dltdv
 from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
-from mocap.io.optical import SLOW
+from mocap.io.lines import SLOW
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table
 from mocap.io.registry import read as read_file

@@ -1,4 +1,4 @@
-"""Figures of a run for people who open no viewer."""
+"""Figures of a run, or of one video, for people who open no viewer."""
 
 import io
 from collections.abc import Iterator, Sequence
@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.recording import Recording
 from mocap.plots import kinematics as plots
 from mocap.plots.animal import draw_animal
+from mocap.plots.kinematics import COLOURS, labelled, legend_above, new_axes, shade
+from mocap.records import Status
 from mocap.sides import TRUNK, side_of, words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase
 
 FOLDER = "figures"
@@ -132,20 +136,16 @@ def write_pictures(shown: Sequence[Picture], folder: Path) -> dict[str, str]:
     (folder / FOLDER).mkdir()
     out: dict[str, str] = {}
     for one in shown:
-        _lay_out(cast("Figure", one.figure))
+        figure = cast("Figure", one.figure)
+        if (engine := figure.get_layout_engine()) is not None:  # once for both files
+            figure.set_dpi(DPI)
+            engine.execute(figure)
+            figure.set_layout_engine(None)
         (folder / FOLDER / f"{one.name}.png").write_bytes(drawn(one.figure, "png"))
         svg = drawn(one.figure, "svg")
         (folder / FOLDER / f"{one.name}.svg").write_bytes(svg)
         out[one.name] = svg.decode("utf-8")
     return out
-
-
-def _lay_out(figure: "Figure") -> None:
-    """Once for both files; a figure that has a layout to make is drawn once more for each, to no file."""
-    if (engine := figure.get_layout_engine()) is not None:
-        figure.set_dpi(DPI)
-        engine.execute(figure)
-        figure.set_layout_engine(None)
 
 
 def drawn(figure: "FigureBase", kind: str, *, dpi: int = DPI) -> bytes:
@@ -157,3 +157,46 @@ def drawn(figure: "FigureBase", kind: str, *, dpi: int = DPI) -> bytes:
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mocap"}):
         figure.savefig(made, format=kind, dpi=dpi, **options)  # type: ignore[attr-defined]
     return made.getvalue()
+
+
+def write_plane_figures(run: Recording, folder: Path) -> None:
+    """Write ``figures/paths`` and a figure of each coordinate, PNG and SVG."""
+    write_pictures(list(plane_pictures(run)), folder)
+
+
+def plane_pictures(run: Recording) -> Iterator[Picture]:
+    """Paths of all markers; x and y over time of the six that are seen most."""
+    assert run.plane is not None
+    markers, (xy, cov) = run.tracks, run.plane.in_units(run.tracks)
+    unit, filled = run.plane.unit, np.isin(markers.status, (Status.SMOOTHED, Status.PREDICTED))
+    yield Picture(
+        name="paths",
+        caption="Paths in the image, rows downwards; thin grey where filled.",
+        figure=_paths(xy, filled, markers.names, unit).figure,
+    )
+    most = np.argsort(-(markers.status == Status.MEASURED).sum(axis=0), kind="stable")[: len(COLOURS)]
+    for axis, title in enumerate("xy"):
+        ax = new_axes(width_mm=180, rows=1 + (len(most) - 1) // 6)
+        shade(ax, markers.t_s, np.asarray(filled[:, most].sum(axis=1) > 0))
+        for m, colour in zip(most, COLOURS, strict=False):
+            value, half = xy[:, m, axis], Z95 * np.sqrt(cov[:, m, axis, axis])
+            ax.fill_between(markers.t_s, value - half, value + half, color=colour, alpha=0.25, linewidth=0)
+            ax.plot(markers.t_s, value, color=colour, linewidth=0.9, label=markers.names[m])
+        labelled(ax, "time (s)        band: 95 % interval; grey: one of these markers was filled", f"{title} ({unit})")
+        legend_above(ax, size=7, ncols=6)
+        yield Picture(name=f"{title}_over_time", caption=f"{title} of markers with 95 % intervals.", figure=ax.figure)
+
+
+def _paths(xy: np.ndarray, filled: np.ndarray, names: tuple[str, ...], unit: str) -> "Axes":
+    ax = new_axes(width_mm=120, height_mm=100)
+    for m in range(len(names)):
+        colour = COLOURS[m % len(COLOURS)]
+        ax.plot(*xy[:, m].T, color="#BBBBBB", linewidth=0.5)
+        ax.plot(*np.where(filled[:, m, None], np.nan, xy[:, m]).T, color=colour, linewidth=0.9)
+        finite = np.flatnonzero(np.isfinite(xy[:, m, 0]))
+        if len(finite):
+            ax.annotate(names[m], xy[finite[0], m], fontsize=5, color=colour)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.invert_yaxis()
+    labelled(ax, f"x ({unit})", f"y ({unit})")
+    return ax

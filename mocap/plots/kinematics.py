@@ -127,7 +127,8 @@ def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity
         keys += ax.plot(t_s, q.value, color=colour, linewidth=0.9, label=label(q.name))
         filled = q.rests == Rests.FILLED
         if filled.any():
-            _bar(ax, t_s, filled, bottom, colour)
+            look = {"step": "mid", "transform": ax.get_xaxis_transform(), "color": colour, "linewidth": 0}
+            ax.fill_between(t_s, bottom, bottom + 0.022, where=filled.tolist(), **look)
             bottom += 0.03
         if below is not None:
             below.plot(t_s, 0.5 * (q.high - q.low), color=colour, linewidth=0.7)
@@ -145,12 +146,6 @@ def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity
     if below is not None:
         below.set_ylim(bottom=0)
         below.set_ylabel(f"± ({unit})", fontsize=7)
-
-
-def _bar(ax: "Axes", t_s: Array, where: NDArray[np.bool_], bottom: float, colour: str) -> None:
-    """A bar along the time axis where something holds, ``bottom`` up from the axis as a share of the height."""
-    look = {"step": "mid", "transform": ax.get_xaxis_transform(), "color": colour, "linewidth": 0}
-    ax.fill_between(t_s, bottom, bottom + 0.022, where=where.tolist(), **look)
 
 
 def _limits(several: Sequence[Quantity]) -> tuple[float, float]:

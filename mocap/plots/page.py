@@ -44,6 +44,9 @@ def report_page(
     details = MarkdownIt("commonmark", {"html": False}).enable("table")
     sources = {one.name: base64.b64encode(svg[one.name].encode()).decode() for one in shown}
     frames = found.t_s
+    # title and text of each section but for the findings, which stand on the page
+    parts = re.split(r"^## (.*)$", run.report_text, flags=re.MULTILINE)
+    sections = [("Tracking", parts[0].partition("\n")[2]), *zip(parts[1::2], parts[2::2], strict=True)]
     return template.render(
         name=run.name,
         run=run,
@@ -56,7 +59,7 @@ def report_page(
         angles=_angles(run, found),
         animal=next((sources[one.name] for one in shown if one.name == "animal"), None),
         figures=[(one, sources[one.name]) for one in shown if one.name != "animal"],
-        sections=[(title, details.render(in_options(text))) for title, text in _sections(run.report_text)],
+        sections=[(title, details.render(in_options(text))) for title, text in sections if title != "Findings"],
     )
 
 
@@ -161,10 +164,3 @@ def _angles(run: Recording, found: Kinematics) -> dict[str, Any] | None:
     columns = [("joint", ""), ("95 % of frames", "°"), ("mean", "°"), ("95 % interval (median)", "°"), ("filled", "")]
     ordered = [cells for _, cells in sorted(lines, key=lambda one: -one[0])]
     return {"columns": columns, "lines": ordered} if ordered else None
-
-
-def _sections(text: str) -> list[tuple[str, str]]:
-    """Title and text of each section of a report in Markdown, but for its findings, which stand on the page."""
-    parts = re.split(r"^## (.*)$", text, flags=re.MULTILINE)
-    found = [("Tracking", parts[0].partition("\n")[2]), *zip(parts[1::2], parts[2::2], strict=True)]
-    return [(title, body) for title, body in found if title != "Findings"]

@@ -6,8 +6,8 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]  # its p
 
 from eal.arrays import Array
 from mocap.datasets.bats import make_bat
+from mocap.datasets.film import SyntheticRecording
 from mocap.datasets.lizards import make_lizard
-from mocap.datasets.recording import SyntheticRecording
 from mocap.reproduce.record import Figure, judged
 from mocap.reproduce.sweep import DELTA_M, Experiment, N, planar, spherical
 

@@ -13,9 +13,9 @@ from eal.over_time import OverTime, at_frames
 from eal.radius import valley_covariance
 from eal.systems import GRAVITY_M_S2, free_joint, planar_pendulum, spherical_pendulum
 from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.datasets.film import SyntheticRecording
 from mocap.datasets.lizards import make_lizard
 from mocap.datasets.pendulums import make_pendulum_film
-from mocap.datasets.recording import SyntheticRecording
 from mocap.filters.body_axes import body_frames
 from mocap.joints import joint_variables
 from mocap.pipeline.cleaning import clean

@@ -10,13 +10,12 @@ import rerun.blueprint as rrb
 from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import screen
+from mocap.rerun.blueprint import log_line, screen, series_view
 from mocap.rerun.columns import log_over_time, numbered_from, recording_into, segments, single, ui
 from mocap.rerun.landscape import MM_PER_M
 from mocap.rerun.layout import play_fps, trail_length
 from mocap.rerun.row_map import amounts, log_row_map, rms, row_map_view, usual_limit
 from mocap.rerun.scene_views import eye, last_frames, world_view
-from mocap.rerun.series import log_line, series_view
 from mocap.rerun.stored import Stored, read_recording, recording_file
 
 APPLICATION = "mocap-compare"

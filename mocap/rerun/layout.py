@@ -76,11 +76,6 @@ class Layout:
         """Length of the trails behind moving things."""
         return trail_length(self.n_frames)
 
-    @property
-    def fps(self) -> float:
-        """Frames a second when played."""
-        return play_fps(self.n_frames)
-
 
 def play_fps(n_frames: int) -> float:
     """Frames a second when played: the whole run in a quarter of a minute, if that is no crawl and no blur."""

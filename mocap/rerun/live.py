@@ -19,13 +19,12 @@ from mocap.filters.live import LiveEstimate, live
 from mocap.filters.motion.base import MotionModel
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import screen
+from mocap.rerun.blueprint import screen, series_view
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
 from mocap.rerun.log_markers import ellipsoids, log_looks, log_world
 from mocap.rerun.record import APPLICATION
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.scene_views import eye, world_view
-from mocap.rerun.series import series_view
 from mocap.rerun.viewer import Viewer, has_display, open_viewer
 from mocap.sides import side_of
 from mocap.skeleton import Skeleton

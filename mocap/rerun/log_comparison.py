@@ -37,7 +37,13 @@ def write_comparison_recording(found: Comparison, path: Path) -> None:
             "beyond the band": (beyond, palette.VERMILLION),
         },
     }
-    with recording_into(path, application="mocap", recording_id="comparison", blueprint=_blueprint(found)) as rec:
+    views = (
+        rrb.TimeSeriesView(origin=GROUPS, name=f"share of the time near each {found.names[0]}"),
+        rrb.TimeSeriesView(origin=DIFFERENCE, name=f"a minus b, {100 * found.level:.0f} % band everywhere at once"),
+        rrb.TextDocumentView(origin="/text", name="verdict"),
+    )
+    blueprint = screen(rrb.Vertical(*views, row_shares=[2, 2, 1]), play_state=None, timeline=ANGLE)
+    with recording_into(path, application="mocap", recording_id="comparison", blueprint=blueprint) as rec:
         rec.log("/text", rr.TextDocument("\n\n".join(found.lines()), media_type="text/markdown"), static=True)
         for origin, series in lines.items():
             colours = [colour for _, colour in series.values()]
@@ -45,12 +51,3 @@ def write_comparison_recording(found: Comparison, path: Path) -> None:
             values = np.column_stack([value for value, _ in series.values()])
             index = [rr.TimeColumn(ANGLE, sequence=degrees)]
             rec.send_columns(origin, indexes=index, columns=rr.Scalars.columns(scalars=values))
-
-
-def _blueprint(found: Comparison) -> rrb.Blueprint:
-    views = (
-        rrb.TimeSeriesView(origin=GROUPS, name=f"share of the time near each {found.names[0]}"),
-        rrb.TimeSeriesView(origin=DIFFERENCE, name=f"a minus b, {100 * found.level:.0f} % band everywhere at once"),
-        rrb.TextDocumentView(origin="/text", name="verdict"),
-    )
-    return screen(rrb.Vertical(*views, row_shares=[2, 2, 1]), play_state=None, timeline=ANGLE)

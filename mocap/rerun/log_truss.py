@@ -10,11 +10,10 @@ from eal.arrays import Array
 from eal.joint_design import member_forces
 from mocap.joint_design.design import JointDesign
 from mocap.rerun import palette
-from mocap.rerun.blueprint import screen
+from mocap.rerun.blueprint import log_line, screen
 from mocap.rerun.columns import log_over_time, recording_into, segments, single, ui
 from mocap.rerun.landscape import MM_PER_M
 from mocap.rerun.over_plane import log_surface
-from mocap.rerun.series import log_line
 
 APPLICATION = "mocap"
 V, U, TRUSS, ENERGY = "/potential", "/energy", "/truss", "/along"

@@ -15,7 +15,7 @@ from mocap.cameras.camera import Camera
 from mocap.errors import MocapError
 from mocap.io.dvproject import read_project
 from mocap.io.format import Hints
-from mocap.io.movies import FIRST_PIXEL, PICTURES, Movie, by_number, open_movie, pyav, straightened, straightening
+from mocap.io.movies import FIRST_PIXEL, Movie, pyav, straightened, straightening
 from mocap.io.registry import by_name, read_as
 from mocap.pipeline.recording import Footage, Recording
 from mocap.rerun import paths
@@ -24,23 +24,6 @@ from mocap.rerun.scene import ViewCamera
 
 if TYPE_CHECKING:
     import av
-
-
-def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
-    """The movies of all cameras, in their order.
-
-    Args:
-        given: A movie or a folder of images a camera; or one folder that holds just these, sorted by their names,
-            numbers by their value.
-
-    Raises:
-        MocapError: one of them is no movie.
-    """
-    if len(given) == 1 and given[0].is_dir():
-        inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
-        movies = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES]
-        given = movies or given
-    return tuple(open_movie(path) for path in given)
 
 
 def with_footage(
@@ -148,7 +131,10 @@ def log_video(rec: rr.RecordingStream, view: ViewCamera, camera: Camera, footage
         t_s: (T,) times of the recording.
     """
     path = f"{paths.image(view.name)}/video"
-    as_is = footage.straight and view.pixel_signs[0] > 0 and _is_plain_av1(footage.movie, len(t_s))
+    # a viewer plays the file itself, if that holds little that is not shown
+    plain = footage.movie.codec in ("libdav1d", "av1") and footage.movie.path.suffix == ".mp4"
+    plain &= footage.movie.n_frames <= 2 * len(t_s)
+    as_is = plain and footage.straight and view.pixel_signs[0] > 0
     shown_px = footage.movie.size_px if as_is else coded_size(footage.movie.size_px)
     corner = np.where(view.pixel_signs > 0, FIRST_PIXEL - 0.5, 0.5 - FIRST_PIXEL)
     scale = np.array(footage.movie.size_px) / shown_px
@@ -207,8 +193,3 @@ def _pictures(
                 np.ascontiguousarray(rgb[:, ::-1] if mirrored else rgb), format="rgb24"
             )
         yield picture.reformat(width, height, "yuv420p")
-
-
-def _is_plain_av1(movie: Movie, n_frames: int) -> bool:
-    """Whether a viewer can play the file itself, and it holds little that is not shown."""
-    return movie.codec in ("libdav1d", "av1") and movie.path.suffix == ".mp4" and movie.n_frames <= 2 * n_frames

@@ -51,8 +51,3 @@ def depth(value: Array) -> NDArray[np.uint8]:
         (..., 3) red, green, blue.
     """
     return colormaps["viridis"](1 - np.clip(value, 0, 1), bytes=True)[..., :3]
-
-
-def of_series(index: int) -> Rgb:
-    """Colour of line ``index`` of a plot."""
-    return SERIES[index % len(SERIES)]

@@ -17,7 +17,7 @@ from mocap.rerun import paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import numbered_from, recording_into, single, ui
 from mocap.rerun.landscape import block, landscape
-from mocap.rerun.layout import Layout, joint_frames
+from mocap.rerun.layout import Layout, joint_frames, play_fps
 from mocap.rerun.log_markers import log_axes, log_looks, log_markers, log_uncertainty, log_world
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.scene_views import eye, world_view
@@ -87,7 +87,7 @@ def make_layout(run: Recording) -> Layout:
 def make_blueprint(layout: Layout) -> rrb.Blueprint:
     """The tabs of ``mocap.rerun.tabs``; those without content are left out."""
     tabs = [found for tab in TABS if (found := tab.tab(layout)) is not None]
-    return screen(rrb.Tabs(*tabs, active_tab=0, name=layout.name), fps=layout.fps)
+    return screen(rrb.Tabs(*tabs, active_tab=0, name=layout.name), fps=play_fps(layout.n_frames))
 
 
 def recording_id(run: Recording) -> str:

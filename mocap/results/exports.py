@@ -1,22 +1,64 @@
-"""Results for other programs: Excel, MATLAB, OpenSim, MuJoCo, those for animation and those of key points."""
+"""Results for other programs: Excel, MATLAB, OpenSim, MuJoCo, XMALab, those for animation and of key points."""
 
-import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mocap.errors import MocapError
+from mocap.filters.velocities import Motion
 from mocap.io.csv_table import as_workbook_cell
-from mocap.io.workbook import COLUMNS
+from mocap.io.workbook import write_sheets
+from mocap.io.xmalab import BODY_ENTRIES
+from mocap.kinematics.bodies import with_places
 from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.functional import pose_of
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
 from mocap.pipeline.recording import Recording
 from mocap.results.bvh import write_bvh
 from mocap.results.keypoints import KEYPOINTS, write_keypoints
 from mocap.results.mjcf import mjcf_text
 from mocap.results.osim import osim_text
-from mocap.results.rigid_bodies import write_rigid_bodies
+from mocap.skeleton import Skeleton, write_skeleton
+
+AXES_FILE = "axes.toml"
+
+
+def write_axes(motion: Motion, skeleton: Skeleton, folder: Path) -> None:
+    """Write the skeleton with the axes of joints between bodies as places of markers, if it has such joints.
+
+    It serves other recordings of the same markers: axes of a functional trial, of a mean pose. Where a functional
+    joint does not show its axes there is none; ``Kinematics.notes`` says so.
+    """
+    if skeleton.body_joints:
+        with suppress(MocapError):
+            write_skeleton(folder / AXES_FILE, with_places(motion, skeleton))
+
+
+def write_rigid_bodies(motion: Motion, skeleton: Skeleton, path: Path) -> None:
+    """Write where each body of the skeleton is: world from body, column by column of a 4 x 4 matrix, in metres.
+
+    A body's axes are those of the world as it lies on average, its origin is the centre of its markers.
+
+    Raises:
+        MocapError: the skeleton states no bodies.
+    """
+    bodies = skeleton.bodies
+    if not bodies:
+        raise MocapError("the skeleton states no rigid bodies: name their markers under [bodies]")
+    matrices = np.zeros((len(motion.t_s), len(bodies), 4, 4))
+    matrices[..., 3, 3] = 1.0
+    for n, members in enumerate(bodies.values()):
+        pose = pose_of(motion, members)
+        matrices[:, n, :3, :3], matrices[:, n, :3, 3] = pose.rotation, pose.position_m
+    matrices[np.isnan(matrices).any(axis=(2, 3))] = np.nan
+    rows = np.swapaxes(matrices, 2, 3).reshape(len(matrices), -1).tolist()
+    header = ",".join(f"{name}_{entry}" for name in bodies for entry in BODY_ENTRIES)
+    lines = (",".join("NaN" if np.isnan(v) else f"{v:.12g}" for v in row) for row in rows)
+    path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8", newline="")
+
 
 Export = Callable[[Recording, Kinematics, Sequence[Cycle], Path], None]
 """Writes a recording, its kinematics and cycles into a file."""
@@ -28,39 +70,24 @@ def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
     Raises:
         MocapError: openpyxl is not installed, or there are more quantities than a sheet has columns.
     """
-    try:
-        openpyxl = importlib.import_module("openpyxl")
-    except ImportError:
-        raise MocapError("writing .xlsx needs openpyxl: pip install 'eal-mocap[excel]'") from None
-    if len(found) + 2 > COLUMNS:
-        raise MocapError(f"a sheet of Excel has {COLUMNS} columns, but there are {len(found)} quantities: use .nc")
-    book = openpyxl.Workbook(write_only=True)
-    header = ["frame", "t_s", *map(as_workbook_cell, found)]
-    frames = np.arange(1, len(found.t_s) + 1).tolist()
-    sheets: dict[str, Callable[[Quantity], list]] = {
-        "value": lambda q: _cells(q.value),
-        "sd": lambda q: _cells(q.sd),
-        "status": lambda q: [WORDS[code] for code in q.rests],
+    table, header = cycles_table(rows), ["frame", "t_s", *map(as_workbook_cell, found)]
+
+    def over_time(column: Callable[[Quantity], list[Any]]) -> tuple[list[str], Iterable[Sequence[Any]]]:
+        columns = [range(1, len(found.t_s) + 1), found.t_s.tolist(), *map(column, found.quantities)]
+        return header, zip(*columns, strict=True)
+
+    about = ((q.name, q.unit, q.kind, q.what, " ".join(q.markers)) for q in found.quantities)
+    sheets = {
+        "value": over_time(lambda q: q.value.tolist()),
+        "sd": over_time(lambda q: q.sd.tolist()),
+        "status": over_time(lambda q: [WORDS[code] for code in q.rests]),
+        "cycles": (list(table.columns), table.itertuples(index=False)),
+        "quantities": (
+            ["quantity", "unit", "kind", "meaning", "markers"],
+            (map(as_workbook_cell, one) for one in about),
+        ),
     }
-    for name, column in sheets.items():
-        sheet = book.create_sheet(name)
-        sheet.append(header)
-        for row in zip(frames, found.t_s.tolist(), *(column(q) for q in found.quantities), strict=True):
-            sheet.append(row)
-    sheet = book.create_sheet("cycles")
-    table = cycles_table(rows)
-    sheet.append(list(table.columns))
-    for row in table.itertuples(index=False):
-        sheet.append([None if isinstance(v, float) and not np.isfinite(v) else v for v in row])
-    sheet = book.create_sheet("quantities")
-    sheet.append(["quantity", "unit", "kind", "meaning", "markers"])
-    for q in found.quantities:
-        sheet.append([as_workbook_cell(text) for text in (q.name, q.unit, q.kind, q.what, " ".join(q.markers))])
-    book.save(path)
-
-
-def _cells(values: np.ndarray) -> list:
-    return [v if np.isfinite(v) else None for v in values.tolist()]
+    write_sheets(path, sheets)
 
 
 def write_mat(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:

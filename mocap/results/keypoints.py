@@ -1,6 +1,7 @@
 """A tracked recording as files of the programs whose key points it was made of, and of neuroscience's archives."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def write_keypoints(run: Recording, files: Mapping[str, str], folder: Path) -> N
         if "points" in format.holds:
             write(whole, folder / file, name, filled=True)
         if "pixels" in format.holds and run.cameras and not format.both:
-            write(whole.without_points(), folder / file, name)
+            write(replace(whole, points=None), folder / file, name)
 
 
 def contents_of(run: Recording) -> FileContents:

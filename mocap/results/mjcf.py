@@ -76,13 +76,16 @@ def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
     if not joints:
         raise MocapError(f"{run.name}: no segment beyond the trunk is seen often enough for {what}")
     body = axes.to_body(xyz)
+    lengths = np.array([j.length_m for j in joints])
+    bones = [(names.index(j.centre), names.index(j.child)) for j in joints]
+    mass, _, _ = rod_masses(bones, lengths, masses_of(names, skeleton.measures.masses))
     trunk_parts = [p for p in skeleton.measures.segments.values() if {p.start, p.end} <= set(skeleton.trunk)]
     return FittedAnimal(
         names=names,
         trunk={m: _mean(body[:, names.index(m)]) for m in skeleton.trunk},
         body=body,
         joints=joints,
-        masses=_masses(run, joints),
+        masses={joint.child: float(m) for joint, m in zip(joints, mass, strict=True)},
         trunk_kg=1e-3 * sum(part.mass_g for part in trunk_parts) or UNKNOWN_KG,
     )
 
@@ -149,14 +152,6 @@ def _joint(part: ElementTree.Element, joint: Articulation, title: str, vector: A
         second = np.cross(vector / np.linalg.norm(vector), first)
         for letter, axis in (("a", first), ("b", second)):
             ElementTree.SubElement(part, "joint", name=f"{title}_{letter}", type="hinge", axis=numbers(axis))
-
-
-def _masses(run: Recording, joints: Sequence[Articulation]) -> dict[str, float]:
-    names = run.names
-    bones = [(names.index(j.centre), names.index(j.child)) for j in joints]
-    lengths = np.array([j.length_m for j in joints])
-    mass, _, _ = rod_masses(bones, lengths, masses_of(names, run.skeleton.measures.masses))
-    return {joint.child: float(m) for joint, m in zip(joints, mass, strict=True)}
 
 
 def _mean(xyz: Array) -> Array:

@@ -35,7 +35,8 @@ def osim_text(run: Recording) -> str:
     document = Element("OpenSimDocument", Version=VERSION)
     model = ElementTree.SubElement(document, "Model", name=plain_name(run.name))
     _text(model, "gravity", numbers(-GRAVITY_M_S2 * np.array(AXES[run.skeleton.measures.up])))
-    bodies, joints, markers = (_objects(model, kind) for kind in ("BodySet", "JointSet", "MarkerSet"))
+    sets = (ElementTree.SubElement(model, kind, name=kind.lower()) for kind in ("BodySet", "JointSet", "MarkerSet"))
+    bodies, joints, markers = (ElementTree.SubElement(one, "objects") for one in sets)
     trunk = {name: at for name, at in animal.trunk.items() if np.isfinite(at).all()}
     places = np.array(list(trunk.values()))
     spread = max(float(np.mean(places.var(axis=0).sum())), 1e-8)
@@ -70,10 +71,6 @@ def _axes(joint: Articulation, vector: Array) -> Array:
         x /= np.linalg.norm(x)
         return np.column_stack([x, np.cross(along, x), along])
     return np.eye(3)
-
-
-def _objects(model: Element, kind: str) -> Element:
-    return ElementTree.SubElement(ElementTree.SubElement(model, kind, name=kind.lower()), "objects")
 
 
 def _body(bodies: Element, name: str, mass_kg: float, centre: Array, inertia: Array) -> None:

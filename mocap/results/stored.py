@@ -1,4 +1,4 @@
-"""A tracked recording as files from which it is restored: ``recording.nc``, ``skeleton.toml``, potentials, report."""
+"""A tracked recording as files from which it is restored, and its markers as the package movement lays out poses."""
 
 import json
 from collections.abc import Mapping
@@ -16,15 +16,83 @@ from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, beside
 from mocap.findings import Finding
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
+from mocap.io.tables import WORDS
 from mocap.joints import FRAMES
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.recording import Recording, with_variables
 from mocap.pipeline.variables import SIZES, VARIABLES, entry_of
-from mocap.results.dataset import markers_dataset
+from mocap.records import Status
 from mocap.results.earlier import EARLIER, earlier_record
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
 from mocap.text import file_names
+
+INDIVIDUAL = "id_0"
+"""The only animal of a recording, as movement names it."""
+
+
+def markers_dataset(run: Recording) -> xr.Dataset:
+    """Positions of all markers with their uncertainty and where each comes from.
+
+    Variables, with the dimensions ``time`` (s), ``space`` (x, y, z), ``keypoint`` (markers) and ``individual``, as in
+    movement (Sirmpilatze et al. 2025), version 0.17:
+
+    - ``position`` (time, space, keypoint, individual) in metres; NaN where there is none;
+    - ``covariance`` (time, space, space_to, keypoint, individual) in square metres;
+    - ``confidence`` (time, keypoint, individual), which movement asks for: NaN, since the covariance says more;
+    - ``status`` (time, keypoint, individual): whether measured, predicted, smoothed (a filled gap), rejected, missing;
+      its attributes ``flag_values`` and ``flag_meanings`` name the codes (CF conventions);
+    - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file, 2 where a
+      person corrected it (``edited`` in tables).
+    """
+    markers, t_s = run.tracks, run.t_s
+    fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0
+    flags = {"flag_values": np.array([int(o) for o in Status], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
+    sample = ("time", "keypoint", "individual")
+    return xr.Dataset(
+        {
+            "position": (
+                ("time", "space", "keypoint", "individual"),
+                np.moveaxis(markers.xyz_m, 1, 2)[..., None],
+                {"units": "m"},
+            ),
+            "confidence": (sample, np.full((*markers.status.shape, 1), np.nan)),
+            "covariance": (
+                ("time", "space", "space_to", "keypoint", "individual"),
+                np.moveaxis(markers.cov_m2, 1, 3)[..., None],
+                {"units": "m2"},
+            ),
+            "status": (sample, markers.status[..., None], flags),
+            "repaired": (sample, run.repaired[..., None].astype(np.int8)),
+        },
+        coords={
+            "time": ("time", t_s, {"units": "s"}),
+            "frame": ("time", np.arange(1, len(t_s) + 1)),
+            "space": ["x", "y", "z"],
+            "space_to": ["x", "y", "z"],
+            "keypoint": list(markers.names),
+            "individual": [INDIVIDUAL],
+        },
+        attrs={
+            "source_software": "eal-mocap",
+            "ds_type": "poses",
+            "fps": fps,
+            "time_unit": "seconds",
+            "space_unit": "m",
+            "motion_model": run.model,
+        },
+    )
+
+
+def plane_dataset(run: Recording) -> xr.Dataset:
+    """As ``markers_dataset``, in x and y, in the unit of the plane."""
+    assert run.plane is not None
+    unit, factor = run.plane.unit, run.plane.per_m
+    found = markers_dataset(run).sel(space=["x", "y"], space_to=["x", "y"])
+    found["position"] = (factor * found["position"]).assign_attrs(units=unit)
+    found["covariance"] = (factor**2 * found["covariance"]).assign_attrs(units=f"{unit}2")
+    return found.assign_attrs(space_unit=unit)
+
 
 FORMAT = "eal-mocap recording 1"
 RECORDING, MARKERS, SKELETON = "recording.nc", "markers.nc", "skeleton.toml"
@@ -109,7 +177,14 @@ def read_recording(folder: Path) -> Recording:
                 f"{folder}: contains no {name}: expected a folder that `mocap track` or save() of this version wrote"
             )
     path = folder / (EARLIER if early else RECORDING)
-    found, header = earlier_record(folder, again=_AGAIN) if early else _opened(path)
+    if early:
+        found, header = earlier_record(folder, again=_AGAIN)
+    else:
+        found = read_netcdf(path, again=_AGAIN)
+        header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
+        format = header.get("format") if isinstance(header, dict) else header
+        if format != FORMAT:
+            raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
     where = f"{path}: header"
     entries = checked(where, header, _HEADER, again=_AGAIN)
     cameras = tuple(
@@ -128,6 +203,9 @@ def read_recording(folder: Path) -> Recording:
     joints = [joint.name for joint in skeleton.joints]
     if joints != (data["joint"].values.tolist() if "joint" in data.coords else []):
         raise FormatError(f"{folder / SKELETON}: has other joints than {path.name}: {_AGAIN}")
+    report = from_json(_text(folder / "report.json"), str(folder / "report.json"))
+    if not isinstance(report, dict):
+        raise FormatError(f"{folder / 'report.json'}: is no report, which is a table: {_AGAIN}")
     potentials = {kind: _potentials_of(folder, kind, where, header, joints) for kind in (PLANAR, SPATIAL)}
     return Recording(
         name=entries["name"][()],
@@ -138,7 +216,7 @@ def read_recording(folder: Path) -> Recording:
         findings=_findings(where, header),
         potentials=potentials[PLANAR],
         spatial_potentials=potentials[SPATIAL],
-        report=_report(folder / "report.json"),
+        report=report,
         report_text=_text(folder / "report.md"),
         folder=folder,
     )
@@ -238,24 +316,3 @@ def _text(path: Path) -> str:
         return regular_bytes(path).decode("utf-8")
     except UnicodeDecodeError as error:
         raise FormatError(f"{path}: is no text ({error}): {_AGAIN}") from None
-
-
-def _report(path: Path) -> dict[str, Any]:
-    found = from_json(_text(path), str(path))
-    if not isinstance(found, dict):
-        raise FormatError(f"{path}: is no report, which is a table: {_AGAIN}")
-    return found
-
-
-def _opened(path: Path) -> tuple[xr.Dataset, dict[str, Any]]:
-    """A dataset in memory, and its header.
-
-    Raises:
-        FormatError: it cannot be read, or is of another version.
-    """
-    found = read_netcdf(path, again=_AGAIN)
-    header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        format = header.get("format") if isinstance(header, dict) else header
-        raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
-    return found, header

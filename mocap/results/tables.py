@@ -20,8 +20,7 @@ from mocap.kinematics.records import Kinematics
 from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks
-from mocap.results.dataset import plane_dataset
-from mocap.results.stored import write_arrays
+from mocap.results.stored import plane_dataset, write_arrays
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,7 +115,9 @@ def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics
     """
     columns, words = {}, np.array(REST_WORDS)
     for one in found.quantities:
-        value, sd = _with_sd(one.value, one.sd)
+        positive = one.sd[np.isfinite(one.sd) & (one.sd > 0)]
+        digits = 6 if not len(positive) else int(np.clip(2 - np.floor(np.log10(positive.min())), 0, 9))
+        value, sd = _text(one.value, digits), _text(one.sd, digits)
         columns |= {one.name: value, f"{one.name}_sd": sd, f"{one.name}_status": words[one.rests]}
     write_columns(folder / f"{stem}.csv", found.t_s, columns)
     (folder / f"{stem}.nc").write_bytes(as_netcdf(found.to_dataset(), packed=True))
@@ -136,13 +137,6 @@ def write_cycles(found: Kinematics, rows: Sequence[Cycle], folder: Path) -> None
 def write_table(table: "pd.DataFrame", path: Path) -> None:
     """Six digits, UTF-8."""
     path.write_text(table.to_csv(index=False, float_format="%.6g", lineterminator="\n"), encoding="utf-8", newline="")
-
-
-def _with_sd(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values and their standard deviations as text, with the decimals that the smallest of these asks for."""
-    positive = sd[np.isfinite(sd) & (sd > 0)]
-    digits = 6 if not len(positive) else int(np.clip(2 - np.floor(np.log10(positive.min())), 0, 9))
-    return _text(values, digits), _text(sd, digits)
 
 
 def column_text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:

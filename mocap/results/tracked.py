@@ -15,7 +15,7 @@ import xarray as xr
 from eal.arrays import Array, short_repr
 from mocap.errors import MocapError
 from mocap.filters.velocities import with_means
-from mocap.io.movies import Movie
+from mocap.io.movies import Movie, open_movies
 from mocap.io.output import result_file, result_folder
 from mocap.joints import FRAMES
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
@@ -32,10 +32,8 @@ from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
 from mocap.records import Status
 from mocap.results.blocks import is_long, load_range
-from mocap.results.dataset import markers_dataset, plane_dataset
-from mocap.results.exports import EXPORTS, TABLES
-from mocap.results.rigid_bodies import write_axes
-from mocap.results.stored import read_recording
+from mocap.results.exports import EXPORTS, TABLES, write_axes
+from mocap.results.stored import markers_dataset, plane_dataset, read_recording
 from mocap.results.tables import write_cycles, write_kinematics, write_plane, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
@@ -115,7 +113,7 @@ class Tracked(Recording):
 
     @cached_property
     def markers(self) -> xr.Dataset:
-        """Markers with covariance and status, laid out as the package movement does (``mocap.results.dataset``)."""
+        """Markers with covariance and status, laid out as the package movement does (``mocap.results.stored``)."""
         return markers_dataset(self) if self.plane is None else plane_dataset(self)
 
     @cached_property
@@ -196,7 +194,7 @@ class Tracked(Recording):
             pictures: Whether ``figures/``, ``report.html`` and ``recording.rrd`` are written, too: all that is there
                 to be looked at, and can be made again from the rest.
         """
-        from mocap.plots.plane import write_plane_figures
+        from mocap.plots.figures import write_plane_figures
 
         if self.plane is not None:
             with Stages(tell=progress).stage("write"):
@@ -347,7 +345,7 @@ class Tracked(Recording):
         Raises:
             MocapError: not one movie a camera, or of another size.
         """
-        from mocap.rerun.log_video import offsets_of, open_movies, with_footage
+        from mocap.rerun.log_video import offsets_of, with_footage
 
         offsets = offsets_of(self.file, offset_frames)
         opened = [movie for movie in movies if isinstance(movie, Movie)]

@@ -10,21 +10,3 @@ shown.
 from eal.needs import needs
 
 needs("a page in the browser", "web", "starlette", "uvicorn", "pydantic")
-
-from mocap.web.guard import Guard  # noqa: E402
-from mocap.web.server import Served, served  # noqa: E402
-from mocap.web.tasks import Nothing, Query, below, changes, limits_of, page, reads, task  # noqa: E402
-
-__all__ = [
-    "Guard",
-    "Nothing",
-    "Query",
-    "Served",
-    "below",
-    "changes",
-    "limits_of",
-    "page",
-    "reads",
-    "served",
-    "task",
-]

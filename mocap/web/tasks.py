@@ -98,17 +98,13 @@ def _error_response(_: Request, error: Exception) -> Response:
         case HTTPException():
             return JSONResponse({"said": error.detail}, error.status_code, headers=error.headers)
         case ValidationError():
-            return JSONResponse({"said": _line(error)}, 400)
+            first = error.errors(include_url=False)[0]
+            where = ".".join(str(part) for part in first["loc"]) or "request"
+            expected = f"{where[:80]}: {first['msg']}, got {reprlib.repr(first['input'])}"
+            return JSONResponse({"said": expected}, 400)
         case MocapError():
             return JSONResponse({"said": str(error)}, 409)
     last = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{type(error).__name__} at {os.path.basename(last.filename)}:{last.lineno}"
     message = f"{where}: {str(error)[:300]}: this is an error in mocap, not in your data"
     return JSONResponse({"said": message}, 500)
-
-
-def _line(error: ValidationError) -> str:
-    """Where, what was expected, what came."""
-    first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in first["loc"]) or "request"
-    return f"{where[:80]}: {first['msg']}, got {reprlib.repr(first['input'])}"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mocap.datasets import PERFECT, make_bat, make_lizard
 from mocap.datasets.bats import bat_motion
-from mocap.datasets.recording import frame_times
+from mocap.datasets.film import frame_times
 from mocap.datasets.rig import tunnel_cameras
 
 from mocap.cameras.camera import decompose, dlt_coefficients, record

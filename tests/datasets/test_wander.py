@@ -1,7 +1,7 @@
 """Smooth random curves against quadrature and finite differences."""
 
 import numpy as np
-from mocap.datasets.wander import draw_wander, skin_motion
+from mocap.datasets.linkage import draw_wander, skin_motion
 from scipy.integrate import quad
 
 

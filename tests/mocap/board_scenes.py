@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap.calibration.boards import Checkerboard, Corners
-from mocap.calibration.detect import BoardViews
-from mocap.calibration.rig import RigCamera, rig_camera, turn
+from mocap.calibration.boards import BoardViews, Checkerboard, Corners
+from mocap.calibration.scene import RigCamera, rig_camera, turn
 from mocap.cameras.lens import BrownLens, Lens
 from tests.mocap.rigs import ring
 

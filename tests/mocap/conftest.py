@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from mocap.io import apart
-from mocap.io.bounds import most_bytes
+from mocap.io.apart import most_bytes
 from mocap.pipeline import potentials
 from mocap.plots import figures
 from mocap.plots.figures import Picture

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from hypothesis import strategies as st
-from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.film import SyntheticRecording
 
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.records import Status

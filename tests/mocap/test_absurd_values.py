@@ -15,7 +15,7 @@ import pytest
 
 from eal import archive
 from mocap.errors import FormatError
-from mocap.io.bounds import LEAST
+from mocap.io.apart import LEAST
 from mocap.io.contents import point_recording
 from mocap.io.lines import frame_numbers, number
 from mocap.io.plausible import plausible

@@ -9,10 +9,9 @@ import pandas as pd
 import pytest
 
 from mocap.calibration.board_rig import calibrate_boards
-from mocap.calibration.boards import Charuco, Checkerboard, Corners
-from mocap.calibration.detect import BoardViews, detect, pictures_of
+from mocap.calibration.boards import BoardViews, Charuco, Checkerboard, Corners, detect, pictures_of
 from mocap.calibration.intrinsics import fit_intrinsics
-from mocap.calibration.rig import RigCamera, rig_lens, similarity
+from mocap.calibration.scene import RigCamera, rig_lens, similarity
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.lens import BrownLens, FisheyeLens
 from mocap.cameras.triangulate import linear

@@ -8,8 +8,7 @@ from scipy import sparse
 from scipy.optimize import least_squares
 
 from mocap.calibration.bundle import _Problem, adjust, minimise
-from mocap.calibration.rig import in_world, rig_camera, similarity, turn, upside_down
-from mocap.calibration.scene import Free, Lengths, Scene, Sightings
+from mocap.calibration.scene import Free, Lengths, Scene, Sightings, in_world, rig_camera, similarity, turn, upside_down
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients, record
 from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from tests.mocap.board_scenes import BOARD, poses, rig

@@ -8,7 +8,7 @@ from scipy.io import loadmat
 
 from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.refine import Bone, refine_cameras
-from mocap.calibration.rig import in_world, similarity, turn
+from mocap.calibration.scene import in_world, similarity, turn
 from mocap.calibration.wand import calibrate_wand, wand_lengths, wand_score
 from mocap.cameras.camera import project, record, stacked, undistorted
 from mocap.cameras.triangulate import linear

@@ -11,8 +11,7 @@ from mocap.calibration import board_rig, intrinsics, lens_of_tracks, places, ref
 from mocap.calibration.chain import first_stands, rigid
 from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.places import place_camera
-from mocap.calibration.rig import turn
-from mocap.calibration.scene import distinct
+from mocap.calibration.scene import distinct, turn
 from mocap.cameras.camera import KnownLens, record
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError

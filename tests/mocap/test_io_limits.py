@@ -8,12 +8,11 @@ import pytest
 
 from mocap.errors import FormatError
 from mocap.io import other_rigs
-from mocap.io.bounds import most_bytes
+from mocap.io.apart import most_bytes
 from mocap.io.c3d import _agrees, _rate, read_c3d, write_c3d
 from mocap.io.contents import pixel_recording, point_recording
 from mocap.io.every_frame import every_frame, frame_steps
-from mocap.io.lines import frame_numbers
-from mocap.io.optical import rate_of_times
+from mocap.io.lines import frame_numbers, rate_of_times
 from mocap.io.plausible import plausible
 from mocap.io.registry import read, write
 from mocap.io.title_rows import _numbers

@@ -258,7 +258,7 @@ def test_a_workbook_that_is_cut(tmp_path, cut):
 
 def test_a_workbook_made_to_fill_the_memory(tmp_path, monkeypatch):
     """What is announced to be larger than its file may hold is refused before it is unpacked."""
-    monkeypatch.setattr("mocap.io.bounds.LEAST", 1 << 22)
+    monkeypatch.setattr("mocap.io.apart.LEAST", 1 << 22)
     path = workbook(tmp_path / "x.xlsx", only=TABLE)
     with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as pack, pack.open("xl/media/zeros", "w") as stream:
         for _ in range(5):
@@ -269,7 +269,7 @@ def test_a_workbook_made_to_fill_the_memory(tmp_path, monkeypatch):
 
 def test_a_sheet_that_says_it_is_huge(tmp_path, monkeypatch):
     """One cell in the last corner of a sheet takes neither memory nor time."""
-    monkeypatch.setattr("mocap.io.bounds.LEAST", 1 << 21)
+    monkeypatch.setattr("mocap.io.apart.LEAST", 1 << 21)
     path = workbook(tmp_path / "x.xlsx", only=TABLE)
     bomb = tmp_path / "bomb.xlsx"
     row = '<row r="{0}"><c r="XFD{0}"><v>1</v></c></row>'

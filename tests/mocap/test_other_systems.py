@@ -15,7 +15,7 @@ from mocap import documents
 from mocap.cli.track import again
 from mocap.errors import FormatError, OutputError
 from mocap.io import output
-from mocap.io.bounds import limit_windows_memory
+from mocap.io.apart import limit_windows_memory
 from mocap.io.format import head
 from mocap.io.manifest import MANIFEST, current
 from mocap.io.output import result_folder

@@ -8,7 +8,7 @@ import pytest
 import mocap
 from mocap.errors import FormatError
 from mocap.io.format import Hints
-from mocap.io.optical import SLOW
+from mocap.io.lines import SLOW
 from mocap.io.registry import read
 
 T, NAMES = 8, ("nose", "tail")

@@ -5,7 +5,7 @@ import pytest
 
 from mocap.errors import FormatError
 from mocap.io.format import Hints
-from mocap.io.optical import rate_of_times
+from mocap.io.lines import rate_of_times
 from mocap.io.registry import read
 
 PLAIN = "frame,a_x,a_y,a_z,b_x,b_y,b_z\n" + "".join(f"{i},{i}.25,2.5,3.5,4.5,{-i}.75,6.5\n" for i in range(1, 7))

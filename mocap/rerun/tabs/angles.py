@@ -11,11 +11,10 @@ from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity, Rests
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import rows
+from mocap.rerun.blueprint import robust_range, rows, series_view
 from mocap.rerun.columns import log_over_time
 from mocap.rerun.layout import Layout
 from mocap.rerun.scene_views import scene_view
-from mocap.rerun.series import robust_range, series_view
 from mocap.sides import by_side, side_of, words
 
 SECTIONS = {"wing_beat": ("down", "up"), "stride": ("stance", "swing")}

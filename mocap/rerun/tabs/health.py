@@ -9,11 +9,10 @@ from scipy.special import chdtri
 from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import rows
+from mocap.rerun.blueprint import log_line, robust_range, rows, series_view
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import gap_lanes_view, log_gaps
 from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view, usual_limit
-from mocap.rerun.series import log_line, robust_range, series_view
 
 BAND = (0.025, 0.975)
 """Quantiles of chi-square between which the normalised innovation of a consistent filter lies in 95 % of frames."""
@@ -31,7 +30,7 @@ def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
     t_s = run.t_s
     log_gaps(rec, run.tracks)
     if run.cameras:
-        colors = [palette.of_series(c) for c in range(len(run.cameras))]
+        colors = [palette.SERIES[c % len(palette.SERIES)] for c in range(len(run.cameras))]
         for (lines, rows, _), values in zip(_ERRORS, layout.errors_px, strict=True):
             log_line(rec, lines, t_s, values.T, name=run.camera_names, color=colors)
             picture = amounts(values, usual_limit(values))

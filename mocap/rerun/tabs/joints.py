@@ -7,14 +7,13 @@ import rerun.blueprint as rrb
 from eal.arrays import Array
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import rows
+from mocap.rerun.blueprint import log_line, rows, series_view
 from mocap.rerun.columns import Single, log_over_time, single, ui
 from mocap.rerun.landscape import MM_PER_M, RANGE, Block, JointEnergy, Landscape
 from mocap.rerun.layout import Layout
 from mocap.rerun.limbs import limb_tab, log_limbs
 from mocap.rerun.over_plane import FLIP, log_moving, log_picture, log_surface, plane_view
 from mocap.rerun.scene_views import eye, last_frames
-from mocap.rerun.series import log_line, series_view
 from mocap.sides import by_side, words
 
 COORDINATES = ("q1", "q2", "q3")

@@ -6,10 +6,9 @@ import rerun.blueprint as rrb
 
 from mocap.pipeline.recording import Recording
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import rows
+from mocap.rerun.blueprint import log_line, robust_range, rows, series_view
 from mocap.rerun.layout import Layout
 from mocap.rerun.scene_views import scene_view
-from mocap.rerun.series import log_line, robust_range, series_view
 
 
 def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:  # noqa: ARG001 - as every tab

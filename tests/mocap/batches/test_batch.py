@@ -23,7 +23,7 @@ from mocap.batches.find import find_trials
 from mocap.batches.one import track_trial
 from mocap.batches.run import shard_of
 from mocap.batches.summary import write_summary
-from mocap.batches.trial_record import NoWorkers, Options, earlier_record
+from mocap.batches.trial import NoWorkers, Options, earlier_record
 from mocap.cli.view import with_recording
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io import output

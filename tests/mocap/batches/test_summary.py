@@ -10,7 +10,7 @@ from scipy.stats import t
 
 import mocap
 from mocap.batches.summary import FIGURES, write_summary
-from mocap.batches.trial_record import Record
+from mocap.batches.trial import Record
 from mocap.kinematics.cycles import Cycle, cycles_table
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "sentence.md"

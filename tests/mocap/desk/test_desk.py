@@ -17,8 +17,7 @@ from selenium.webdriver.common.keys import Keys
 
 import mocap
 from mocap.batches.one import track_trial
-from mocap.batches.trial import Trial, read_manifest, write_manifest
-from mocap.batches.trial_record import Options
+from mocap.batches.trial import Options, Trial, read_manifest, write_manifest
 from mocap.desk.desk import opened_desk
 from mocap.desk.page import desk_page
 from mocap.errors import MocapError
@@ -28,7 +27,7 @@ from mocap.pipeline.edits import read_edits
 from mocap.records import Status
 from mocap.rerun import share
 from mocap.skeleton import read_skeleton
-from mocap.web import served
+from mocap.web.server import served
 from tests.mocap.batches.trap import second_held
 from tests.mocap.desk.conftest import client, until
 from tests.mocap.desk.filmed_trial import FPS, GAP, SWAPPED, trial
@@ -481,10 +480,10 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
     desk, _ = worked
     script = f"""
         from pathlib import Path
-        from mocap.batches.trial_record import Options
+        from mocap.batches.trial import Options
         from mocap.desk.desk import opened_desk
         from mocap.desk.page import desk_page
-        from mocap.web import served
+        from mocap.web.server import served
         options = Options(model="constant_velocity", validate=False)
         stated = {{"calibration": Path({str(scene.folder / "calibration.toml")!r}), "fps": {FPS}}}
         out = Path({str(tmp_path / "out")!r})

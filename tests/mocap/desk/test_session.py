@@ -12,13 +12,14 @@ from selenium.webdriver.common.keys import Keys
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
-from mocap.batches.trial_record import Options
+from mocap.batches.trial import Options
 from mocap.desk.desk import Desk
 from mocap.desk.page import desk_page
 from mocap.desk.session import SAVED, open_session
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
-from mocap.web import page, served
+from mocap.web.server import served
+from mocap.web.tasks import page
 from tests.mocap.desk.conftest import client, requests_of, until
 from tests.mocap.digitising.filmed import NAMES, SIZE, video
 

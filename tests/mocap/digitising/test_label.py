@@ -8,7 +8,7 @@ from mocap.filters.model import learn_model
 from mocap.filters.poses import MarkerTrial
 
 import mocap as library
-from mocap.digitising.label import cut, label
+from mocap.digitising.labelled import cut, label_segments
 from mocap.digitising.pose import fit_poses, rigid
 from mocap.digitising.register import recognise
 from mocap.errors import MocapError
@@ -64,7 +64,7 @@ def test_twins_get_their_names_back(make):
     trunk = [taught.skeleton.markers.index(name) for name in taught.skeleton.trunk]
     rng = np.random.default_rng(0)
     points, truth = without_labels(other.truth.xyz_m, rng)
-    right, wrong, left = score(label(points, fit_poses(taught.truth.xyz_m, trunk, rank=12)), truth)
+    right, wrong, left = score(label_segments(points, fit_poses(taught.truth.xyz_m, trunk, rank=12)), truth)
     assert right >= 0.996 * (right + wrong)
     assert right > 0.97 * (right + left)
 
@@ -74,7 +74,7 @@ def test_a_real_gait_gets_its_names_back():
     xyz = read(real("c3d_samples", "sample_01", "Eb015pr.c3d")).points.xyz_m
     half = len(xyz) // 2
     points, truth = without_labels(xyz[half:], np.random.default_rng(1))
-    right, wrong, left = score(label(points, fit_poses(xyz[:half], (), rank=12)), truth)
+    right, wrong, left = score(label_segments(points, fit_poses(xyz[:half], (), rank=12)), truth)
     assert right >= 0.996 * (right + wrong)
     assert right > 0.9 * (right + left)
 
@@ -84,7 +84,7 @@ def test_a_real_mouse_gets_its_names_back():
     folder = real("mouse_mocap_qtm")
     xyz = read(next(folder.glob("*.mat"))).points.xyz_m
     points, truth = without_labels(xyz[8000:8600], np.random.default_rng(1))
-    right, wrong, left = score(label(points, fit_poses(xyz[:5000], (), rank=12)), truth)
+    right, wrong, left = score(label_segments(points, fit_poses(xyz[:5000], (), rank=12)), truth)
     assert right >= 0.996 * (right + wrong)
     assert right > 0.9 * (right + left)
 
@@ -93,7 +93,7 @@ def test_another_animal_is_not_recognised():
     """Nothing is named rather than something wrong."""
     poses = fit_poses(bat(seed=0, n_frames=200).truth.xyz_m, ())
     with pytest.raises(MocapError, match="recognised in no frame"):
-        label(lizard(seed=0, n_frames=4).truth.xyz_m, poses)
+        label_segments(lizard(seed=0, n_frames=4).truth.xyz_m, poses)
 
 
 def test_a_moved_and_turned_pose_is_recognised():

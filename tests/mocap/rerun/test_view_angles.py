@@ -10,8 +10,8 @@ from test_view_pictures import loaded
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle
 from mocap.rerun import palette, paths
+from mocap.rerun.blueprint import robust_range, series_view
 from mocap.rerun.record import make_layout, write_recording
-from mocap.rerun.series import robust_range, series_view
 from mocap.rerun.tabs.angles import sections
 from mocap.sides import by_side
 

@@ -14,11 +14,11 @@ from mocap.cameras.camera import project, stacked
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
 from mocap.rerun import palette, paths
+from mocap.rerun.blueprint import series_view
 from mocap.rerun.log_markers import gap_map_view
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.rerun.row_map import WIDE, row_map_view
 from mocap.rerun.scene_views import camera_view, scene_view
-from mocap.rerun.series import series_view
 from mocap.rerun.tabs.joints import heat_map_view, spectrum_view, surface_view, volume_view
 from tests.mocap.rerun.headless import Headless
 

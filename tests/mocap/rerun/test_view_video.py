@@ -13,9 +13,9 @@ from test_view_pictures import SHIFT_PX, loaded, share_found, tile
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.lens import BrownLens
 from mocap.errors import MocapError
-from mocap.io.movies import FIRST_PIXEL, open_movie
+from mocap.io.movies import FIRST_PIXEL, open_movie, open_movies
 from mocap.rerun import paths
-from mocap.rerun.log_video import coded_size, offsets_of, open_movies, with_footage
+from mocap.rerun.log_video import coded_size, offsets_of, with_footage
 from mocap.rerun.record import write_recording
 
 N_FRAMES, SEEN = 24, 17

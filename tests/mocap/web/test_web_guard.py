@@ -9,8 +9,9 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from mocap.web import Guard, Query, page, task
 from mocap.web import guard as module
+from mocap.web.guard import Guard
+from mocap.web.tasks import Query, page, task
 
 HOST, TOKEN = "127.0.0.1:8000", "t0-ken_" * 6
 ORIGIN = {"Origin": f"http://{HOST}"}

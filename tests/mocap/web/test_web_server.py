@@ -20,7 +20,9 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from mocap.errors import MocapError
-from mocap.web import Query, page, served, server, task
+from mocap.web import server
+from mocap.web.server import served
+from mocap.web.tasks import Query, page, task
 from tests.mocap.digitising.filmed import video
 
 LARGE = 64_000_000
@@ -228,7 +230,8 @@ CHILD = """
 import sys
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
-from mocap.web import page, served
+from mocap.web.server import served
+from mocap.web.tasks import page
 with served(page([Route("/", lambda _: PlainTextResponse("whole"))])) as site:
     print(site.address, file=sys.stderr, flush=True)
     site.wait()

@@ -32,7 +32,7 @@ import numpy as np
 import pandas as pd
 from mocap.datasets.real import folder
 from mocap.filters.first_poses import settled, starts_of
-from mocap.filters.motion.bones import Bones
+from mocap.filters.motion.potential import Bones
 from mocap.filters.one_camera import Found, LeftOut, jitter_px, left_out, px_per_m, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import Barrier, PosePrior, learn_prior

@@ -12,17 +12,6 @@ from eal.optional_jax import jax, jnp
 Energy = Callable[..., Any]
 
 
-def mass_matrix(kinetic: Energy, q: Any, v: Any) -> Any:
-    """M = d2T/dv2 at one configuration: (d, d)."""
-    return jax.hessian(kinetic, argnums=1)(q, v)
-
-
-def generalised_force(kinetic: Energy, potential: Energy, q: Any, v: Any) -> Any:
-    """dT/dq - (d2T/dv dq) v - dU/dq at one configuration: (d,), what M a equals (Coriolis terms and gravity)."""
-    _, along = jax.jvp(lambda x: jax.grad(kinetic, argnums=1)(x, v), (q,), (v,))
-    return jax.grad(lambda x: kinetic(x, v) - potential(x))(q) - along
-
-
 def system_from_energies(
     kinetic: Energy, potential: Energy, *, names: tuple[str, ...], units: tuple[str, ...], name: str = "from energies"
 ) -> LagrangianSystem:
@@ -55,12 +44,16 @@ def system_from_energies(
 
         return call
 
-    zero = np.zeros(d)
-    mass = batched(lambda q: mass_matrix(kinetic, q, jnp.zeros(d)))
+    def force(q: Any, v: Any) -> Any:
+        """DT/dq - (d2T/dv dq) v - dU/dq: what M a equals (Coriolis terms and gravity)."""
+        _, along = jax.jvp(lambda x: jax.grad(kinetic, argnums=1)(x, v), (q,), (v,))
+        return jax.grad(lambda x: kinetic(x, v) - potential(x))(q) - along
+
+    mass = batched(lambda q: jax.hessian(kinetic, argnums=1)(q, jnp.zeros(d)))
     energy = batched(kinetic)
     q, v = np.linspace(0.3, 0.7, d), np.linspace(-0.5, 0.8, d)
     natural = 0.5 * v @ mass(q) @ v
-    if not np.isclose(energy(q, v), natural, rtol=1e-9, atol=1e-12) or energy(q, zero) != 0.0:
+    if not np.isclose(energy(q, v), natural, rtol=1e-9, atol=1e-12) or energy(q, np.zeros(d)) != 0.0:
         raise ValueError(
             f"the kinetic energy must be v^T M(q) v / 2, but is {float(energy(q, v)):g} J at a test point where that "
             f"is {natural:g} J: linear or constant parts in v are not a natural system"
@@ -72,6 +65,6 @@ def system_from_energies(
         kinetic=energy,
         potential=batched(potential),
         mass=mass,
-        force=batched(lambda q, v: generalised_force(kinetic, potential, q, v)),
+        force=batched(force),
         solve=lambda q, f: np.asarray(np.linalg.solve(mass(q), f[..., None])[..., 0], dtype=np.float64),
     )

@@ -122,58 +122,6 @@ def rk4_step(
     return q + sixth * (v + 2.0 * (v2 + v3) + v4), v + sixth * (a1 + 2.0 * (a2 + a3) + a4)
 
 
-def integrate(
-    acceleration: Callable[[float, Array, Array], Array],
-    q0: Array,
-    v0: Array,
-    *,
-    h_s: float,
-    steps: int,
-    every: int = 1,
-    check: Callable[[float, Array], None] | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> Trajectory:
-    """``steps`` steps of ``rk4_step`` from (q0, v0) at t = 0.
-
-    On one BLAS thread: the matrices of a step are small, and two threads took ten times as long.
-
-    Args:
-        acceleration: a(t, q, v): (..., d).
-        q0: (..., d) start.
-        v0: (..., d) start.
-        h_s: Step in s.
-        steps: Number of steps.
-        every: Keep each such state.
-        check: Told time and configuration before every step; raises where the run must not go on.
-        progress: Told the fraction done, some hundred times.
-
-    Returns:
-        1 + steps // every states, the first at t = 0.
-
-    Raises:
-        IntegrationError: the state is not finite any more.
-    """
-    q, v = (np.array(x, dtype=np.float64) for x in np.broadcast_arrays(q0, v0))
-    kept = 1 + steps // every
-    positions, velocities = np.empty((kept, *q.shape)), np.empty((kept, *q.shape))
-    positions[0], velocities[0] = q, v
-    with one_blas_thread():
-        for i in range(1, steps + 1):
-            if check is not None:
-                check((i - 1) * h_s, q)
-            q, v = rk4_step(acceleration, (i - 1) * h_s, q, v, h_s)
-            if i % every == 0:
-                positions[i // every], velocities[i // every] = q, v
-            if progress is not None and i % max(steps // 100, 1) == 0:
-                progress(i / steps)
-    if not np.isfinite(q).all():
-        first = int(np.argmax(~np.isfinite(positions.reshape(kept, -1)).all(axis=1)))
-        raise IntegrationError(
-            f"the state stopped being finite near t = {first * every * h_s:g} s: take a smaller step than {h_s:g} s"
-        )
-    return Trajectory(t_s=np.arange(kept, dtype=np.float64) * (every * h_s), q=positions, v=velocities)
-
-
 def simulate(
     model: PenalisedModel,
     q0: Array,
@@ -182,9 +130,10 @@ def simulate(
     duration_s: float,
     h_s: float = 1e-4,
     every: int = 1,
-    progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
-    """A penalised model from (q0, v0), EAL paper, equation 7, over any batch of starts and of 1/eps^2.
+    """A penalised model from (q0, v0) by ``rk4_step``, EAL paper, equation 7, over any batch of starts and of 1/eps^2.
+
+    On one BLAS thread: the matrices of a step are small, and two threads took ten times as long.
 
     Args:
         model: System, penalty and 1/eps^2.
@@ -193,13 +142,13 @@ def simulate(
         duration_s: Time in s, rounded to whole steps.
         h_s: Step in s, the paper's 1e-4.
         every: Keep each such state.
-        progress: Told the fraction done.
 
     Returns:
-        The trajectory; the batch is that of q0, v0 and 1/eps^2 together.
+        1 + steps // every states, the first at t = 0; the batch is that of q0, v0 and 1/eps^2 together.
 
     Raises:
         StabilityError: the step is too long for 1/eps^2, with the mass at any step of the run.
+        IntegrationError: the state is not finite any more.
         ValueError: a start of another dimension.
     """
     q, v = np.asarray(q0, dtype=np.float64), np.asarray(v0, dtype=np.float64)
@@ -208,16 +157,22 @@ def simulate(
         raise ValueError(f"q0 and v0 must have the {d} coordinates of the {model.system.name}, but have {q.shape[-1]}")
     batch = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], np.shape(model.strength))
     q, v = np.broadcast_to(q, (*batch, d)), np.broadcast_to(v, (*batch, d))
-    return integrate(
-        model.acceleration,
-        q,
-        v,
-        h_s=h_s,
-        steps=round(duration_s / h_s),
-        every=every,
-        check=lambda t_s, at: check_step(h_s, model, at, t_s=t_s),
-        progress=progress,
-    )
+    steps = round(duration_s / h_s)
+    kept = 1 + steps // every
+    positions, velocities = np.empty((kept, *q.shape)), np.empty((kept, *q.shape))
+    positions[0], velocities[0] = q, v
+    with one_blas_thread():
+        for i in range(steps):
+            check_step(h_s, model, q, t_s=i * h_s)
+            q, v = rk4_step(model.acceleration, i * h_s, q, v, h_s)
+            if (i + 1) % every == 0:
+                positions[(i + 1) // every], velocities[(i + 1) // every] = q, v
+    if not np.isfinite(q).all():
+        first = int(np.argmax(~np.isfinite(positions.reshape(kept, -1)).all(axis=1)))
+        raise IntegrationError(
+            f"the state stopped being finite near t = {first * every * h_s:g} s: take a smaller step than {h_s:g} s"
+        )
+    return Trajectory(t_s=np.arange(kept, dtype=np.float64) * (every * h_s), q=positions, v=velocities)
 
 
 def integrate_adaptive(

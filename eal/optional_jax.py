@@ -1,4 +1,4 @@
-"""JAX, which differentiates energies and compiles long runs; an extra, since learning and tracking do without it."""
+"""JAX, which differentiates energies; an extra, since learning and tracking do without it."""
 
 from eal.needs import MissingPackageError
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from mocap.filters.motion.bones import Bones
+from mocap.filters.motion.potential import Bones
 from mocap.filters.poses import INDEPENDENT, MarkerTrial
 from numpy.typing import NDArray
 

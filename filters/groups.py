@@ -11,12 +11,10 @@ groups are taken for zero.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression
-from mocap.filters.motion.potential import PosePotential
+from mocap.filters.motion.potential import Bones, PosePotential
 from mocap.filters.moving import Rates
 from mocap.filters.observations import Observations, some_markers
 from mocap.filters.observe import Observed
@@ -102,7 +100,6 @@ def smooth_in_groups(
     *,
     rate_points: RatePoints | None = None,
     progress: Callable[[float], None] | None = None,
-    **options: Any,
 ) -> Estimate:
     """Smooth each group by itself; arguments and result as in ``mocap.filters.track.smooth``, which is ``smooth``."""
     count = len(model.subspace.mean) // 3
@@ -112,26 +109,16 @@ def smooth_in_groups(
     for number, markers in enumerate(groups):
         tell = None if progress is None else (lambda share, n=number: progress((n + share) / len(groups)))
         local = None if rate_points is None or rates is None else rates.local(markers)
-        found = smooth(
-            part_of(model, markers),
-            some_markers(observations, markers),
-            t_s,
-            rate_points=local,
-            progress=tell,
-            **options,
-        )
+        part, seen = part_of(model, markers), some_markers(observations, markers)
+        found = smooth(part, seen, t_s, rate_points=local, progress=tell)
         xyz[:, markers], cov[:, markers] = found.xyz_m, found.cov_m2
-        observed.append([_renamed(seen, markers) for seen in found.observed])
+        observed.append(
+            [replace(o, where=np.column_stack([o.where[:, 0], markers[o.where[:, 1]]])) for o in found.observed]
+        )
         if rates is not None and found.rates is not None:
             rates.add(markers, found.rates)
     together = [_together(frame) for frame in zip(*observed, strict=True)]
     return Estimate(xyz_m=xyz, cov_m2=cov, observed=together, rates=None if rates is None else rates.rates())
-
-
-def _renamed(seen: Observed, markers: Markers) -> Observed:
-    where = seen.where.copy()
-    where[:, 1] = markers[where[:, 1]]
-    return replace(seen, where=where)
 
 
 def _together(parts: Sequence[Observed]) -> Observed:

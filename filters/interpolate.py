@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from mocap.filters.conditional import moments
+from mocap.filters.conditional import expected
 from mocap.filters.poses import MarkerTrial, poses_of
 from mocap.filters.subspace import principal_components
 from scipy.interpolate import CubicSpline
@@ -89,13 +89,14 @@ def by_poses(xyz_m: Array, t_s: Array, trunk: Sequence[int], *, kind: str, rank:
 
 def _conditional(y: Array, guess: Array) -> Array:
     """(T, D) poses by regression: in gaps and in the frames beside them, each time without the marker itself."""
-    total = moments(guess, 1.0)
-    ridge = np.full(y.shape[1], 1e-4 * np.trace(np.cov(guess.T)) / y.shape[1] + 1e-14)  # as in benchmarks.gaps
+    ridge = (1e-4 * np.trace(np.cov(guess.T)) / y.shape[1] + 1e-14) * np.eye(y.shape[1])  # as in benchmarks.gaps
+    mean, cov = guess.mean(axis=0), np.cov(guess.T, bias=True)
     for _ in range(3):
-        total = moments(y, 1.0, total.normal(ridge))
+        found, extra = expected(y, mean, cov + ridge)
+        mean, cov = found.mean(axis=0), np.cov(found.T, bias=True) + extra / len(found)
     gap = np.isnan(y)
     beside = gap.copy()
     beside[1:] |= gap[:-1]
     beside[:-1] |= gap[1:]
-    found, _ = total.normal(ridge).condition(np.where(beside, np.nan, y), np.arange(y.shape[1]))
-    return np.where(beside, found.reshape(y.shape), np.nan)
+    found, _ = expected(np.where(beside, np.nan, y), mean, cov + ridge)
+    return np.where(beside, found, np.nan)

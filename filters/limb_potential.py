@@ -10,7 +10,6 @@ from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
 from mocap.filters.records import Limb
 from scipy.spatial.distance import cdist
-from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
 
@@ -42,9 +41,7 @@ class LimbKeeper:
 
     def take(self, frame: int, state: Smoothed) -> None:
         """One frame's smoothed state."""
-        g = self.model.parts[1]
-        turn = Rotation.from_rotvec(np.array(state.mean[g][3:])).as_matrix()
-        self._turned.append(self.model.path.frames.rotation[frame] @ turn)
+        self._turned.append(self.model.root(state.mean[None], frame)[0][0])
         self._means.append(state.mean)
         found = []
         for limb in self.limbs:

@@ -21,6 +21,7 @@ from mocap.filters.subspace import bridge
 from mocap.filters.trajectory import SETTLED, Quadratic, covariance, factor, most_probable
 from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.optimize import isotonic_regression
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
@@ -101,44 +102,29 @@ class Left:
     decay: float
 
     @cached_property
-    def _weights(self) -> tuple[float, float, float]:
-        """Correlation of neighbours; 1 / variance of the second given the first, and of each given two before."""
-        rho = self.decay
-        c = 2 * rho / (1 + rho**2)
-        return c, 1 / (self.sd_m**2 * (1 - c**2)), (1 + rho**2) / (self.sd_m**2 * (1 - rho**2) ** 3)
-
-    def _noise(self, e: Array) -> tuple[Array, Array]:
-        c, rho = self._weights[0], self.decay
-        return e[1:2] - c * e[:1], e[2:] - 2 * rho * e[1:-1] + rho**2 * e[:-2]
+    def _root(self) -> sparse.csr_array:
+        """(T, T) rows whose squares are twice the cost: each frame given the two before it, in its deviations."""
+        rho, steps = self.decay, len(self.xyz_m)
+        c = 2 * rho / (1 + rho**2)  # correlation of neighbours
+        share = np.full(steps, (1 - rho**2) ** 3 / (1 + rho**2))
+        share[:2] = np.array([1, 1 - c**2])[:steps]
+        columns = np.tile([[1.0], [-2 * rho], [rho**2]], steps)
+        columns[1, 0] = -c
+        given = sparse.dia_array((columns, [0, -1, -2]), shape=(steps, steps))
+        return (sparse.diags_array(1 / (self.sd_m * np.sqrt(share))) @ given).tocsr()
 
     def cost(self, e: Array) -> float:
         """See ``trajectory.Problem``."""
-        (second, rest), (_, one, two) = self._noise(e), self._weights
-        own = np.sum(e[0] ** 2) / self.sd_m**2 + one * np.sum(second**2) + two * np.sum(rest**2)
-        return float(0.5 * own + self.views.cost(self.xyz_m + e[:, None]).sum())
+        return float(0.5 * np.sum((self._root @ e) ** 2) + self.views.cost(self.xyz_m + e[:, None]).sum())
 
     def quadratic(self, e: Array) -> Quadratic:
         """See ``trajectory.Problem``."""
-        (second, rest), (c, one, two), rho = self._noise(e), self._weights, self.decay
-        steps = len(e)
         pulled, stiff = self.views.pulled(self.xyz_m + e[:, None])
-        gradient, own = pulled[:, 0].copy(), np.zeros(steps)
-        gradient[0] += e[0] / self.sd_m**2
-        own[0] += 1 / self.sd_m**2
-        after, later = np.zeros(max(steps - 1, 0)), np.full(max(steps - 2, 0), two * rho**2)
-        if steps > 1:
-            gradient[:2] += one * np.concatenate([-c * second, second])
-            own[:2] += one * np.array([c**2, 1])
-            after[0] -= one * c
-        for place, a in ((2, 1.0), (1, -2 * rho), (0, rho**2)):
-            where = slice(place, place + max(steps - 2, 0))
-            gradient[where] += two * a * rest
-            own[where] += two * a**2
-        after[1:] -= 2 * two * rho
-        after[: max(steps - 2, 0)] -= 2 * two * rho**3
-        eye = np.eye(3)
-        band = (own[:, None, None] * eye + stiff[:, 0], after[:, None, None] * eye, later[:, None, None] * eye)
-        return Quadratic(gradient=gradient, band=band)
+        square = self._root.T @ self._root
+        own, after, later = (square.diagonal(-lag)[:, None, None] * np.eye(3) for lag in range(3))
+        return Quadratic(
+            gradient=pulled[:, 0] + self._root.T @ (self._root @ e), band=(own + stiff[:, 0], after, later)
+        )
 
     def moved(self, e: Array, step: Array) -> Array:
         """See ``trajectory.Problem``."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from mocap.filters.bones import LEAST, log_distances, rigid_bones, sized_like
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
-from mocap.filters.motion.bones import Bones
+from mocap.filters.motion.potential import Bones
 from mocap.filters.poses import LEAST_KNOWN, MATERN_3_2_HALF, MarkerTrial, poses_of
 from mocap.filters.subspace import principal_components, structure
 from mocap.filters.whittaker import fastest_hz, smooth_series

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mocap.filters.body_axes import aligned, nearest_rotation, trunk_shape
-from mocap.filters.conditional import Normal, moments, patterns
+from mocap.filters.conditional import expected, patterns
 from mocap.filters.observations import Observations
 from mocap.filters.poses import FEWEST_FRAMES, MarkerTrial
 from numpy.typing import NDArray
@@ -172,10 +172,8 @@ def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
     weight = float(np.median(independent_samples(np.where(np.isfinite(left), left, 0.0))))
     mean, spread = np.zeros(size), free * inner
     for _ in range(8):  # places are known after two or three rounds
-        found = moments(
-            left, 1.0, Normal(mean, spread + FREE * free * motions @ motions.T + 1e-6 * free * np.eye(size))
-        )
-        second = inner @ found.second @ inner / found.count
+        found, extra = expected(left, mean, spread + FREE * free * motions @ motions.T + 1e-6 * free * np.eye(size))
+        second = inner @ (found.T @ found + extra) @ inner / len(found)
         total, squares, p = float(np.trace(second)), float(np.sum(second**2)), size - 6
         equal = ((1 - 2 / p) * squares + total**2) / (
             (weight + 1 - 2 / p) * max(squares - total**2 / p, 1e-12 * squares)

@@ -6,7 +6,7 @@ angles and the Lagrangian are linearised by their derivatives.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from functools import partial
 
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
@@ -133,28 +133,11 @@ def smooth(
         rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    options: dict[str, Any] = {
-        "gate_sd": gate_sd,
-        "most_bytes": most_bytes,
-        "rate_points": rate_points,
-        "progress": progress,
-    }
     if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST:
-        return smooth_in_groups(model, observations, t_s, groups_of(model), smooth_together, **options)
-    return smooth_together(model, observations, t_s, **options)
-
-
-def smooth_together(
-    model: MotionModel,
-    observations: Observations,
-    t_s: Array,
-    *,
-    gate_sd: float = 6.0,
-    most_bytes: float = 1e9,
-    rate_points: RatePoints | None = None,
-    progress: Progress | None = None,
-) -> Estimate:
-    """``smooth`` for a state whose components depend on each other, with one covariance matrix of all."""
+        one = partial(smooth, gate_sd=gate_sd, most_bytes=most_bytes)
+        return smooth_in_groups(
+            model, observations, t_s, groups_of(model), one, rate_points=rate_points, progress=progress
+        )
     n_frames, size = observations.n_frames, model.initial().cov.size
     length = max(2, int(most_bytes / (3 * 8 * size)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Any
 
 from mocap.text import number_of
@@ -37,6 +38,9 @@ class Finding:
         """For reports."""
         return {**asdict(self), "numbers": dict(self.numbers)}
 
+
+alarm = partial(Finding, alarm=True)
+"""One that says that something is wrong."""
 
 MOST = 20
 """Frames that a finding lists."""

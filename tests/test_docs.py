@@ -113,7 +113,7 @@ def kinds(error: type[MocapError]) -> list[type[MocapError]]:
 
 def test_errors_name_pages_that_are_there(mocap, tmp_path):
     """The command line says the page at the end of the one line: of the kind of error, else of the command."""
-    names = "cli.main", "cameras.arrangement", "joint_design.material", "rerun.viewer", "rerun.stored", "io.movies"
+    names = "cli.main", "cameras.arrangement", "joint_design.flexure", "rerun.viewer", "rerun.stored", "io.movies"
     for name in names:
         import_module(f"mocap.{name}")
     pages = {kind.page for kind in kinds(MocapError) if kind.page is not None}

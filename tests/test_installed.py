@@ -288,12 +288,11 @@ def test_importing_mocap_imports_nothing_else():
 
 
 ABSENT = {
-    "jax": ("mechanics", ["reproduce", "7"]),
     "trimesh": ("joint-design", ["design-joint", "somewhere"]),
     "starlette": ("web", ["digitise", "films", "--calibration", "c", "--skeleton", "s", "--web"]),
 }
 """Packages, the extras that have them, and commands that need them."""
-OF_EXTRAS = ("manifold3d", "networkx", "lxml", "av", "openpyxl", "uvicorn", "pytest", "sklearn")
+OF_EXTRAS = ("jax", "manifold3d", "networkx", "lxml", "av", "openpyxl", "uvicorn", "pytest", "sklearn")
 """Others that the main job must not import."""
 
 

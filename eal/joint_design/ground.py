@@ -113,9 +113,7 @@ def candidates(target: Target, limits: Limits, nodes: Array, *, mirror: Array | 
             f"{counts[name]} of {len(nodes) * REST_LENGTHS * len(limits.laws)} candidates: widen it"
         )
     node, rest, laws = (list(part) for part in zip(*rows, strict=True))
-    energy = _energies(target.q, np.array(node), np.array(rest), tuple(laws))
-    if mirror is not None:
-        energy = energy + _energies(target.q, np.array(node) @ mirror, np.array(rest), tuple(laws))
+    energy = _energies(target.q, np.array(node), np.array(rest), tuple(laws), mirror)
     scale = energy[region].mean(axis=0)
     some = scale > 1e-6 * scale.max()
     return Candidates(
@@ -132,9 +130,7 @@ def with_members(target: Target, found: Candidates, truss: Truss) -> Candidates:
     """The candidates and the members of a refined truss: of a symmetric one the first of each pair."""
     m = len(truss.rest_m) if found.mirror is None else len(truss.rest_m) // 2
     node, rest, laws = truss.fixed_m[truss.ends[:m, 0]], truss.rest_m[:m], truss.laws[:m]
-    energy = _energies(target.q, node, rest, laws)
-    if found.mirror is not None:
-        energy = energy + _energies(target.q, node @ found.mirror, rest, laws)
+    energy = _energies(target.q, node, rest, laws, found.mirror)
     scale = np.maximum(energy[target.inside].mean(axis=0), 1e-9)
     return Candidates(
         node=np.concatenate([found.node, node]),
@@ -146,13 +142,14 @@ def with_members(target: Target, found: Candidates, truss: Truss) -> Candidates:
     )
 
 
-def _energies(q: Array, node: Array, rest: Array, laws: Sequence[Law]) -> Array:
-    """(n, C) L^2 w(l / L) of unit stiffness."""
-    lengths = np.linalg.norm(q[:, None] - node, axis=-1)
-    return energy_and_slope(lengths / rest, laws)[0] * rest**2
+def _energies(q: Array, node: Array, rest: Array, laws: Sequence[Law], mirror: Array | None) -> Array:
+    """(n, C) L^2 w(l / L) of unit stiffness, with those of the mirrored nodes."""
+    nodes = [node] if mirror is None else [node, node @ mirror]
+    lengths = (np.linalg.norm(q[:, None] - one, axis=-1) for one in nodes)
+    return sum((energy_and_slope(one / rest, laws)[0] * rest**2 for one in lengths), np.zeros(1))
 
 
-def sparse(target: Target, found: Candidates, *, most: int, alpha: float, rounds: int = 12) -> tuple[Truss, float]:
+def sparse(target: Target, found: Candidates, *, most: int, alpha: float) -> tuple[Truss, float]:
     """At most ``most`` candidates with stiffnesses that approximate the target; formula at the head of the file.
 
     Args:
@@ -160,7 +157,6 @@ def sparse(target: Target, found: Candidates, *, most: int, alpha: float, rounds
         found: Candidates.
         most: Most members.
         alpha: Weight of the stiffnesses; doubled in the last rounds as long as more members are left.
-        rounds: Reweightings.
 
     Returns:
         The truss, V's unit as its unit of energy, and the energy c that it stores at V = 0.
@@ -169,13 +165,13 @@ def sparse(target: Target, found: Candidates, *, most: int, alpha: float, rounds
     penalty = np.full(len(chosen), alpha)
     pairs = 1 if found.mirror is None else 2
     k, c = np.zeros(len(chosen)), 0.0
-    for i in range(4 * rounds):
+    for i in range(48):
         k, c = _nonnegative(target, found.energy[:, chosen], penalty)
         left = k > 1e-5 * k.max()
         chosen, k = chosen[left], k[left]
-        if i >= rounds - 1 and pairs * len(chosen) <= most:
+        if i >= 11 and pairs * len(chosen) <= most:
             break
-        if i >= rounds:
+        if i >= 12:
             alpha *= 2.0
         penalty = alpha * k.max() / (k + 0.02 * k.max())
     if pairs * len(chosen) > most:

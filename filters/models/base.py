@@ -12,7 +12,7 @@ from typing import Any
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.bones import rigid_bones, sized_like
 from mocap.filters.motion.base import MotionModel
-from mocap.filters.motion.bones import Bones
+from mocap.filters.motion.potential import Bones
 from mocap.filters.observations import Observations, WithBodies
 from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from mocap.filters.records import Estimate

@@ -3,7 +3,7 @@
 Each marker's position in the body is regressed on the others by a Gaussian process (``filters/gaussian_process.py``).
 Its linear part is the standard imputation of missing markers by the covariance of all (Liu & McMillan 2006; Tits,
 Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
-the marker's neighbours (``filters/neighbours.py``), and both estimates are averaged. It knows nothing of dynamics, and
+the marker's neighbours (``Neighbours``), and both estimates are averaged. It knows nothing of dynamics, and
 so errs differently from the motion models, which makes a mixture of both better than either
 (docs/experiments/mixture.md).
 """
@@ -12,10 +12,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.body_axes import BodyFrames
+from mocap.filters.body_axes import BodyFrames, nearest_rotation
 from mocap.filters.gaussian_process import Covariance, Rows, fitted, predict
 from mocap.filters.hide import unseen_runs
-from mocap.filters.neighbours import Neighbours, body_itself
 from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian
 from mocap.filters.records import Estimate
 from mocap.filters.whittaker import smooth_series
@@ -29,6 +28,9 @@ TOGETHER = 25
 """Gaps of a marker that are filled at once, at most."""
 LAGS = np.array((-1.2, -0.4, 0.0, 0.4, 1.2))
 """Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot)."""
+FIRM = 0.03
+"""Share of the mean shape's extent that holds the frame where neighbours do not tell how they turn: on a line. Chosen,
+not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +186,60 @@ class Delayed:
             rows = Rows(x=x, trial=both[:, 0], t=both[:, 1] / self.tau)
             tasks.append(Task(rows, values - centre, centre, _part(seen_from, slice(n, None))))
         return tasks
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """What a marker is seen from: a frame that moves with the markers near it.
+
+    On a rigid segment a marker rests in the frame of those beside it, however the segment turns in the body (Tits,
+    Tilmanne & Dutoit 2018 take three of them). Here all others are aligned with their mean shape by Procrustes analysis
+    (Gower 1975; Kabsch 1976), and those that keep their distance to the marker weigh most: rigid or not, the frame
+    turns as they do.
+
+    Attributes:
+        which: (M,) True for the k markers that are looked at.
+        weight: (k,) of each of them; their sum is one.
+        shape: (k, 3) their mean shape about its centre.
+    """
+
+    which: NDArray[np.bool_]
+    weight: Array
+    shape: Array
+
+    @classmethod
+    def of(cls, which: NDArray[np.bool_], poses: Array, apart: Array) -> "Neighbours":
+        """Of poses (n, M, 3) without gaps, and what each of the k markers moves apart from the one that is asked for.
+
+        Poses are aligned once, with their mean: they are seen from the body already.
+
+        Args:
+            which: (M,) the k markers.
+            poses: See above.
+            apart: (k,) see above.
+        """
+        # in units of the median, and a twentieth of it: what keeps its distance weighs most
+        weight = (apart / max(float(np.median(apart)), 1e-12) + 0.05) ** -4.0
+        points = poses[:, which]
+        weight /= weight.sum()
+        mean = points.mean(axis=0)
+        mean = cls(which, weight, mean - weight @ mean)._frames(points).to_body(points).mean(axis=0)
+        return cls(which, weight, mean - weight @ mean)
+
+    def frames(self, poses: Array) -> BodyFrames:
+        """Frames of poses (n, M, 3): the origin is the weighted mean, the axes are those of the mean shape."""
+        return self._frames(poses[:, self.which])
+
+    def _frames(self, points: Array) -> BodyFrames:
+        centre = self.weight @ points
+        covariance = np.swapaxes(points - centre[:, None], 1, 2) @ (self.weight[:, None] * self.shape)
+        extent = self.weight @ np.sum(self.shape**2, axis=1)
+        return BodyFrames(rotation=nearest_rotation(covariance + FIRM / 3 * extent * np.eye(3)), position_m=centre)
+
+
+def body_itself(count: int) -> BodyFrames:
+    """The frame that poses are given in, so many times."""
+    return BodyFrames(rotation=np.tile(np.eye(3), (count, 1, 1)), position_m=np.zeros((count, 3)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,8 @@ from mocap.filters.groups import MOST, groups_of, part_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
-from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
-from mocap.filters.motion.potential import PosePotential, Pull
+from mocap.filters.motion.potential import Bones, PosePotential, Pull
 from mocap.filters.motion.shape import LinearShape, Motion, joined, linear_shape
 from mocap.filters.observations import Observations, PositionObservations, some_markers
 from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, radian, residual_memory_s, shapes_of
@@ -47,7 +46,7 @@ class PoseSettings(TrajectoryModel):
         potential: What holds the pose: V_z of the relative joint coordinates q of each limb, with their velocities
             (``limb motion``) or without (``limbs``); or nothing. Where no limbs are known the shape of the whole pose
             takes their place.
-        bones: Of rigid bones: how often V_b (``motion.bones``) is charged while the motion turns by a
+        bones: Of rigid bones: how often V_b (``motion.potential``) is charged while the motion turns by a
             radian. Bones are not counted anew in each frame, as what they say of neighbouring ones is the same.
         regression: What a regression on the other markers predicts (``delayed_poses``) is one more observation of a
             marker that is not seen. It errs alike for so many of the times in which the motion turns by a radian, and

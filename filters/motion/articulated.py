@@ -8,7 +8,6 @@ from mocap.filters.gaussian import Moments, Move, Smoothed, View
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.tree import STEP_RAD, Posed, Tree, left_jacobian
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array, skew
 
@@ -96,30 +95,24 @@ class ArticulatedMotion(PoseMotion):
 
     def moved(self, means: Array, residual: Array) -> Array:
         """As the angles turn what they carry."""
-        posed, inside = self._inside(means)
+        posed, inside = self._posed(means)
         by_arc = self.tree.jacobian(self.angles(means), posed, inside) / self.arm_m
         return (by_arc @ residual[:, None, :, None])[..., 0]
 
-    def _root(self, states: Array, frame: int) -> tuple[Array, Array]:
-        """(S, 3, 3) axes of the root in the world, and (S, 3) its position."""
-        g, frames = states[:, self.parts[1]], self.path.frames
-        return frames.rotation[frame] @ Rotation.from_rotvec(g[:, 3:]).as_matrix(), frames.position_m[frame] + g[:, :3]
+    def _inside(self, states: Array) -> Array:
+        """(S, M, 3) markers in axes of the root."""
+        return self._posed(states)[1]
 
-    def _inside(self, states: Array) -> tuple[Posed, Array]:
+    def _posed(self, states: Array) -> tuple[Posed, Array]:
         """Segments, and (S, M, 3) markers, in axes of the root."""
         posed = self.tree.pose(self.angles(states))
         return posed, self.tree.markers(posed, states[:, self.slip].reshape(len(states), -1, 3))
-
-    def markers(self, states: Array, frame: int) -> Array:
-        """Joint angles and slip, then to the world."""
-        turn, position = self._root(states, frame)
-        return self._inside(states)[1] @ np.swapaxes(turn, 1, 2) + position[:, None]
 
     def view(self, mean: Array, frame: int) -> View:
         """As ``markers`` has them, linearised in closed form."""
         g = self.parts[1]
         inside, slopes = self._slopes(mean[None])
-        turn, position = self._root(mean[None], frame)
+        turn, position = self.root(mean[None], frame)
         about = inside[0] @ turn[0].T
         rows = turn[0] @ slopes[0][..., : self.parts[2].stop]
         rows[:, :, g.start : g.start + 3] = np.eye(3)
@@ -127,45 +120,21 @@ class ArticulatedMotion(PoseMotion):
         rows[:, :, g.start + 3 : g.stop] = -skew(about) @ tilt
         return View(about + position[0], rows.reshape(-1, rows.shape[-1]))
 
-    def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
-        """Velocities of the markers; as ``PoseMotion.rates`` with u of the joint angles.
-
-        u' = J q', J the derivative of u by q = (z, e, s); as second derivatives commute, du'/dq is the derivative of J
-        in the direction of q', here by central differences.
-        """
-        _, g, e, g_rate, e_rate = self.parts
-        r, path, n = self.rank, self.path, len(mean)
-        moving = np.zeros(n)
-        moving[:r], moving[e] = mean[r : 2 * r], self._residual_speed(mean)
-        moving[self.slip] = -self.slip_rate_hz * mean[self.slip]
-        size = float(np.abs(moving).max())
-        step = 1e-6 / max(size, 1e-12)
+    def _bent(self, mean: Array, moving: Array) -> tuple[Array, Array, Array]:
+        """Du'/dq is the derivative of du/dq in the direction of q', here by central differences."""
+        step = 1e-6 / max(float(np.abs(moving).max()), 1e-12)
         pose, slopes = self._slopes(mean + step * np.array([[0.0], [1.0], [-1.0]]) * moving)
-        slope, bent = slopes[0], (slopes[1] - slopes[2]) / (2 * step)
-        turned = Rotation.from_rotvec(mean[g][3:]).as_matrix()
-        rotation = path.frames.rotation[frame]
-        whole, omega = rotation @ turned, path.rate_rad_s[frame] + mean[g_rate][3:]
-        pose_rate = slope @ moving @ turned.T
-        pose = pose[0] @ turned.T
-        velocity = (pose_rate + np.cross(omega, pose)) @ rotation.T + path.velocity_m_s[frame] + mean[g_rate][:3]
-        out = np.zeros((len(pose), 6, n))
-        position, speed = out[:, :3], out[:, 3:]
-        carried = rotation @ skew(omega) @ turned
-        position[:], speed[:] = whole @ slope, carried @ slope + whole @ bent
-        speed[:, :, r : 2 * r] = position[:, :, :r]
-        speed[:, :, e_rate] = position[:, :, e]
-        speed[:, :, e] -= self.residual_rate_hz[: e.stop - e.start] * position[:, :, e]
-        speed[:, :, self.slip] -= self.slip_rate_hz * position[:, :, self.slip]
-        here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
-        lever = skew(pose)
-        position[:, :, here] = speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
-        position[:, :, there] = speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
-        speed[:, :, there] = -rotation @ (skew(pose_rate) + skew(omega) @ lever)
-        return velocity, out.reshape(-1, n)
+        return pose[0], slopes[0], (slopes[1] - slopes[2]) / (2 * step)
+
+    @property
+    def _decay_hz(self) -> Array:
+        decay = super()._decay_hz
+        decay[self.slip] = self.slip_rate_hz
+        return decay
 
     def _slopes(self, states: Array) -> tuple[Array, Array]:
         """(S, M, 3) markers in axes of the root, and (S, M, 3, n) their derivative by z, e and s."""
-        posed, inside = self._inside(states)
+        posed, inside = self._posed(states)
         out = np.zeros((*inside.shape, states.shape[1]))
         by_arc = self.tree.jacobian(self.angles(states), posed, inside) / self.arm_m
         out[..., : self.rank] = by_arc @ self.subspace.basis

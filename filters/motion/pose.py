@@ -10,9 +10,15 @@ import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.motion.base import MotionModel, Step, Steps
-from mocap.filters.motion.bones import Bones, bones_term
-from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
-from mocap.filters.motion.potential import PosePotential
+from mocap.filters.motion.potential import (
+    Bones,
+    Coordinates,
+    PosePotential,
+    bones_term,
+    enforce,
+    informed,
+    potential_term,
+)
 from mocap.filters.motion.shape import LinearShape
 from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
@@ -254,13 +260,19 @@ class PoseMotion(MotionModel):
         return PathStep(*(part[0] for part in path_steps(self.path, dt_s, slice(frame - 1, frame + 1))))
 
     def markers(self, states: Array, frame: int) -> Array:
-        """(S, M, 3) markers of states (S, n): shape and residual in the body, then to the world."""
-        _, g, e, _, _ = self.parts
-        frames = self.path.frames
-        body = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T + states[:, e]
-        turn = frames.rotation[frame] @ Rotation.from_rotvec(states[:, g][:, 3:]).as_matrix()
-        position = frames.position_m[frame] + states[:, g][:, :3]
-        return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
+        """(S, M, 3) markers of states (S, n): in the body, then to the world."""
+        turn, position = self.root(states, frame)
+        return self._inside(states) @ np.swapaxes(turn, 1, 2) + position[:, None]
+
+    def root(self, states: Array, frame: int) -> tuple[Array, Array]:
+        """(S, 3, 3) axes of the body in the world, and (S, 3) its position."""
+        g, frames = states[:, self.parts[1]], self.path.frames
+        return frames.rotation[frame] @ Rotation.from_rotvec(g[:, 3:]).as_matrix(), frames.position_m[frame] + g[:, :3]
+
+    def _inside(self, states: Array) -> Array:
+        """(S, M, 3) markers in the body: shape and residual."""
+        body = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T + states[:, self.parts[2]]
+        return body.reshape(len(states), -1, 3)
 
     def view(self, mean: Array, frame: int) -> View:
         """In axes of the body, u = mean + basis z + e moves by du + exp(-w) R^T dp + (exp(-w) J(w) dw) x u.
@@ -268,7 +280,7 @@ class PoseMotion(MotionModel):
         J is the left Jacobian: exp(w + dw) = exp(J dw) exp(w) to first order; exp(-w) J(w) = J(w)^T.
         """
         g, r = self.parts[1], self.rank
-        pose, (w, rotation) = self._pose(mean), (mean[g][3:], self.path.frames.rotation[frame])
+        pose, (w, rotation) = self._inside(mean[None])[0], (mean[g][3:], self.path.frames.rotation[frame])
         own, jacobian = _exponential(w)
         turn = rotation @ own
         rows = np.zeros((len(pose), 3, g.stop))
@@ -278,53 +290,49 @@ class PoseMotion(MotionModel):
         place = pose @ turn.T + self.path.frames.position_m[frame] + mean[g][:3]
         return View(place, rows.reshape(-1, g.stop), self.chains, turn)
 
-    def _pose(self, mean: Array) -> Array:
-        """(M, 3) markers in the body."""
-        return (self.subspace.mean + self.subspace.basis @ mean[: self.rank] + mean[self.parts[2]]).reshape(-1, 3)
-
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
-        """Velocities of the markers, in closed form.
+        """Velocities of the markers.
 
-        With u = mean + basis z + e and A = R exp(w), marker and velocity are x = A u + c + p and
+        With u(q) the markers in the body, u' = du/dq q' and A = R exp(w), marker and velocity are x = A u + c + p and
         v = A u' + R (Omega x exp(w) u) + c' + p', where Omega = path rate + g' (rotation) is the angular velocity in
         body axes, to first order in w, the body's deviation from its path.
         """
         _, g, e, g_rate, e_rate = self.parts
-        r, path, basis = self.rank, self.path, self.subspace.basis
-        rotation, n = path.frames.rotation[frame], len(mean)
-        w, (drift, spin) = mean[g][3:], np.split(mean[g_rate], 2)
-        turned = Rotation.from_rotvec(w).as_matrix()
-        whole = rotation @ turned
-        pose = (self.subspace.mean + basis @ mean[:r] + mean[e]).reshape(-1, 3) @ turned.T
-        pose_rate = (basis @ mean[r : 2 * r] + self._residual_speed(mean)).reshape(-1, 3) @ turned.T
-        omega = path.rate_rad_s[frame] + spin
-        relative = pose_rate + np.cross(omega, pose)
-        velocity = relative @ rotation.T + path.velocity_m_s[frame] + drift
-        count = len(pose)
-        out = np.zeros((count, 6, n))
+        r, path, n, decay = self.rank, self.path, len(mean), self._decay_hz
+        moving = -decay * mean
+        moving[:r] += mean[r : 2 * r]
+        moving[e] += mean[e_rate]
+        pose, slope, bent = self._bent(mean, moving)
+        turned, rotation = Rotation.from_rotvec(mean[g][3:]).as_matrix(), path.frames.rotation[frame]
+        whole, omega = rotation @ turned, path.rate_rad_s[frame] + mean[g_rate][3:]
+        pose, pose_rate = pose @ turned.T, slope @ moving @ turned.T
+        velocity = (pose_rate + np.cross(omega, pose)) @ rotation.T + path.velocity_m_s[frame] + mean[g_rate][:3]
+        out = np.zeros((len(pose), 6, n))
         position, speed = out[:, :3], out[:, 3:]
-        carried = rotation @ skew(omega) @ turned  # d v / d u
-        each, decay = np.arange(count), self.residual_rate_hz.reshape(-1, 3)
-        shapes = basis.reshape(count, 3, r)
-        position[:, :, :r] = whole @ shapes
-        speed[:, :, :r], speed[:, :, r : 2 * r] = carried @ shapes, whole @ shapes
-        for column in range(3):
-            position[each, :, e.start + 3 * each + column] = whole[:, column]
-            speed[each, :, e.start + 3 * each + column] = carried[:, column] - decay[:, [column]] * whole[:, column]
-            speed[each, :, e_rate.start + 3 * each + column] = whole[:, column]
+        position[:], speed[:] = whole @ slope, rotation @ skew(omega) @ turned @ slope + whole @ bent
+        speed -= decay * position
+        speed[:, :, r : 2 * r] = position[:, :, :r]
+        speed[:, :, e_rate] = position[:, :, e]
         here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
-        position[:, :, here] = np.eye(3)
         lever = skew(pose)
-        position[:, :, there] = -rotation @ lever
+        position[:, :, here] = speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
+        position[:, :, there] = speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
         speed[:, :, there] = -rotation @ (skew(pose_rate) + skew(omega) @ lever)
-        speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
-        speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
         return velocity, out.reshape(-1, n)
 
-    def _residual_speed(self, mean: Array) -> Array:
-        """(D,) rate of e: e1 - a e."""
-        _, _, e, _, e_rate = self.parts
-        return mean[e_rate] - self.residual_rate_hz[: e.stop - e.start] * mean[e]
+    def _bent(self, mean: Array, moving: Array) -> tuple[Array, Array, Array]:  # noqa: ARG002
+        """U (M, 3), du/dq (M, 3, n) and du'/dq (M, 3, n), where q moves by ``moving`` a second."""
+        slope = np.zeros((len(self.subspace.mean), len(mean)))
+        slope[:, : self.rank], slope[:, self.parts[2]] = self.subspace.basis, np.eye(len(slope))
+        slope = slope.reshape(-1, 3, len(mean))
+        return self._inside(mean[None])[0], slope, np.zeros_like(slope)
+
+    @property
+    def _decay_hz(self) -> Array:
+        """(n,) rates at which parts of the state are forgotten; of e, as e' = e1 - a e."""
+        decay, e = np.zeros(self.size), self.parts[2]
+        decay[e] = self.residual_rate_hz[: e.stop - e.start]
+        return decay
 
     def constrain(self, state: Moments, step: Step) -> tuple[Moments, list[Update]]:
         """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
@@ -351,8 +359,8 @@ class PoseMotion(MotionModel):
             pull = partial(_scaled, limb.gradient, step.dt_s)
             terms.append(potential_term(pull, coordinates, least_sd=0.05))  # not along what is known to 5 %
         if self.bones is not None:
-            markers = Markers(state, View(self._pose(state.mean), self.subspace.basis, self.chains))  # in the body
-            terms.append(bones_term(self.bones, markers, step.dt_s * self.bone_stiffness))
+            inside = View(self._inside(state.mean[None])[0], self.subspace.basis, self.chains)
+            terms.append(bones_term(self.bones, Markers(state, inside), step.dt_s * self.bone_stiffness))
         state, done = enforce(state, terms, farthest=self.farthest)
         return state, updates + done
 

@@ -15,7 +15,7 @@ from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.origin import PixelOptions, PixelOrigin, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
-from mocap.findings import Finding, alarms
+from mocap.findings import Finding, alarm, alarms
 from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelTracks
 
@@ -106,12 +106,10 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
     except ArrangementError as error:
         arrangement = error.arrangement
         numbers = {"residual_px": arrangement.residual_px, "undone_px": arrangement.undone_px}
-        named = Finding(
-            kind=arrangement.kind, alarm=True, text=str(error), numbers=numbers, cameras=arrangement.cameras
-        )
+        named = alarm(kind=arrangement.kind, text=str(error), numbers=numbers, cameras=arrangement.cameras)
         return [named, *pixel_findings(pixels), *camera_findings(cameras, y_up=None)]
     except CalibrationError as error:
-        question = Finding(kind="pixel origin", alarm=True, text=str(error))
+        question = alarm(kind="pixel origin", text=str(error))
         plain = undistorted(cameras, pixels.uv_px)
         rest = [*pixel_findings(pixels), *camera_findings(cameras, y_up=None), *fit_findings(cameras, plain)]
         return sorted([question, *rest], key=lambda f: not f.alarm)

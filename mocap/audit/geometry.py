@@ -11,7 +11,7 @@ from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
 from mocap.cameras.camera import Camera, decompose, flipped, may_be_cropped, pinhole_lens, stacked, undistorted
 from mocap.cameras.origin import CLEARLY, PixelOrigin
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
-from mocap.findings import Finding
+from mocap.findings import Finding, alarm
 
 LARGE_PX = 8.0
 """A median residual above this, and above ``CLEAR_SD`` deviations of the clicks' jitter, is warned of. Chosen, not
@@ -36,9 +36,8 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
             size = np.abs(matrices[j]).max(axis=1, keepdims=True)
             if (np.abs(matrices[i] - matrices[j]) < 1e-6 * size).all():
                 found.append(
-                    Finding(
+                    alarm(
                         kind="copied cameras",
-                        alarm=True,
                         text=f"cameras {a.name!r} and {b.name!r} have identical calibrations: one was copied from "
                         "the other, and points reconstructed with it are wrong, or both are tracks of one camera",
                         cameras=(a.name, b.name),
@@ -48,9 +47,8 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
     if any(mirrored) != all(mirrored):
         fewer = [c.name for c, m in zip(cameras, mirrored, strict=True) if m == (sum(mirrored) * 2 <= len(mirrored))]
         found.append(
-            Finding(
+            alarm(
                 kind="mirrored camera",
-                alarm=True,
                 text=f"the calibration of {', '.join(map(repr, fewer))} is mirrored relative to the other cameras: "
                 "right if it films in a mirror, else its pixel rows were counted from another corner",
                 cameras=tuple(fewer),
@@ -69,7 +67,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
             "the world is mirrored (left-handed), because pixel rows are counted from the lower left: left and "
             "right are swapped"
         )
-        found.append(Finding(kind="mirrored world", alarm=True, text=text))
+        found.append(alarm(kind="mirrored world", text=text))
     return found
 
 
@@ -101,9 +99,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     if left[worst] * 4 < whole and left[worst] * 2 < left[int(order[1])] and whole > max(1.0, clicked):
         camera = cameras[worst]
         return [
-            Finding(
+            alarm(
                 kind="foreign camera",
-                alarm=True,
                 text=f"the calibration of camera {camera.name!r} does not fit its pixels: median triangulation "
                 f"residual {whole:.1f} px with this camera, {left[worst]:.2f} px without it",
                 numbers={"with_px": whole, "without_px": left[worst]},
@@ -118,9 +115,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     if whole > 0.02 * extent:  # 20 px of 1000; chosen
         cropped = may_be_cropped(cameras, ideal_px)
         return [
-            Finding(
+            alarm(
                 kind="foreign calibration",
-                alarm=True,
                 text=f"median triangulation residual {whole:.0f} px, while the pixels themselves span only "
                 f"{extent:.0f} px: " + (cropped or "the calibration does not belong to these pixels"),
                 numbers={"residual_px": whole, "extent_px": extent},
@@ -129,9 +125,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
         ]
     against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
     return [
-        Finding(
+        alarm(
             kind="large residual",
-            alarm=True,
             text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: "
             "3D points are wrong by about as much: check cameras, lenses and the order of the files",
             numbers={"residual_px": whole, "jitter_px": jitter},
@@ -160,9 +155,8 @@ def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | 
         return None
     names = [c.name for c in cameras]
     each = ", ".join(f"{names[c]!r} {own[c]:.1f} px" for c in np.flatnonzero(bad))
-    return Finding(
+    return alarm(
         kind="uneven cameras",
-        alarm=True,
         text=f"WARNING: some cameras have far larger reprojection errors: {each} (median), {names[best]!r} "
         f"{own[best]:.2f} px, and their points scatter less: their calibration, lens or pixels are wrong",
         numbers={"worst_px": float(np.nanmax(own)), "best_px": float(own[best])},
@@ -217,9 +211,8 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
         else "the lenses bend more than the profile states, or the coefficients are of pixels undistorted twice"
     )
     return [
-        Finding(
+        alarm(
             kind="distortion",
-            alarm=True,
             text=f"the triangulation residual is smallest with the lens correction applied {best} "
             f"({tried[best]:.3f} px; applied once: {tried['once']:.3f} px): {why}",
             numbers=numbers,
@@ -249,9 +242,8 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
     if best.fun * (1.1 if best.x < 0 else CLEARLY) > plain or abs(best.x) < 0.02:
         return []
     return [
-        Finding(
+        alarm(
             kind="distortion",
-            alarm=True,
             text=f"the pixels look distorted{' (or focal lengths are wrong)' if best.x > 0 else ''}, and no lens is "
             f"given: with k1 = {best.x:.2f} in all cameras the "
             f"median triangulation residual falls from {plain:.2f} px to {best.fun:.2f} px: give the camera "

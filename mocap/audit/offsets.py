@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.triangulate import linear, linearise
-from mocap.findings import Finding
+from mocap.findings import Finding, alarm
 
 BLOCKS = 12
 """Stretches of a recording, to see how far results of parts of it differ: a deviation to 1 / sqrt(2 * 11) = 21 %."""
@@ -245,9 +245,8 @@ def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]
             )
         ]
     return [
-        Finding(
+        alarm(
             kind="camera offsets",
-            alarm=True,
             text=f"cameras are not synchronised: offsets {each} frames (RMS triangulation residual "
             f"{found.before_px:.2f} px, with these offsets {found.after_px:.2f} px): not corrected; `correct_lag` does",
             numbers=numbers,

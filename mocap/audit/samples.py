@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eal.arrays import Array
-from mocap.findings import MOST, Finding
+from mocap.findings import MOST, Finding, alarm
 from mocap.io.plausible import rounding
 from mocap.records import MarkerTracks, PixelTracks
 
@@ -62,9 +62,8 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
     else:
         return []
     return [
-        Finding(
+        alarm(
             kind="quantised pixels",
-            alarm=True,
             text=f"pixels of camera {camera!r} {text}",
             numbers=numbers,
             cameras=(camera,),
@@ -101,9 +100,8 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
         return []
     whose = "" if camera is None else f" of camera {camera!r}"
     return [
-        Finding(
+        alarm(
             kind="repeated frames",
-            alarm=True,
             text=f"{len(at)} frames{whose} are identical to the previous frame in every digit, while what is "
             "recorded moves before and after: the recording stalled, or frames were stored twice",
             numbers={"frames": len(at), "share": len(at) / len(values)},
@@ -124,9 +122,8 @@ def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
             if places >= 5 and same.sum() > 0.05 * both.sum():  # by chance not one is the same in every digit
                 names = (pixels.cameras[b], pixels.cameras[a])
                 found.append(
-                    Finding(
+                    alarm(
                         kind="copied pixels",
-                        alarm=True,
                         text=f"{same.sum()} of {both.sum()} pixels of cameras {names[0]!r} and {names[1]!r} are "
                         "identical: one was copied from the other",
                         numbers={"samples": float(same.sum())},
@@ -159,9 +156,8 @@ def sizes(xyz_m: Array) -> list[Finding]:
         (u for u, f in (("mm", 1e-3), ("cm", 1e-2), ("km", 1e3), ("m", 1.0)) if low <= size * f <= high), None
     )
     return [
-        Finding(
+        alarm(
             kind="units",
-            alarm=True,
             text=f"markers are {size:.3g} m {what}, which fits no animal: lengths may be in "
             f"{better or 'another unit'}; nothing was changed",
             numbers={"size_m": size},
@@ -244,9 +240,8 @@ def jump_findings(
             if other is not None and near < APART * far:
                 cause = f"probably swapped with {str(names[other])!r}, {1e3 * near:.4g} {length} away, before or after"
             found.append(
-                Finding(
+                alarm(
                     kind="jump",
-                    alarm=True,
                     text=f"{name!r} jumps by {1e3 * far:.4g} {length} between frames {one} and "
                     f"{next_one} ({with_unit(speed[i])}; 99.9 % of all steps are slower than {with_unit(usual)}): "
                     f"{cause}: check these frames before filling",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.findings import MOST, Finding
+from mocap.findings import MOST, Finding, alarm
 from mocap.io.plausible import rounding
 from mocap.records import MarkerTracks
 
@@ -142,9 +142,8 @@ def other_world(xyz_m: Array, stored_points: MarkerTracks) -> Finding | None:
     # of worlds that differ by a twentieth of the scene, the map leaves a tenth, and 2 % of the scene; chosen
     if left > 0.1 * apart or left > 0.02 * spread or apart < 0.05 * spread:
         return None
-    return Finding(
+    return alarm(
         kind="another world",
-        alarm=True,
         text=f"the stored points are in another world than this calibration's: they differ by {apart:.3g} m (median), "
         f"by {left:.2g} m after turning, shifting and scaling by {scale:.4g}: they were computed with another "
         "calibration, or turned or scaled afterwards, and are not compared",
@@ -170,9 +169,8 @@ def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_]) -> list[
         k = max(range(len(shares)), key=lambda k: shares[k])
         if shares[k][0] > 0.8 and shares[k][1] >= 3:  # by chance none agrees to micrometres
             found.append(
-                Finding(
+                alarm(
                     kind="wrong columns",
-                    alarm=True,
                     text=f"stored points of {name!r} are those of {stored.names[k]!r}: their columns are swapped",
                     numbers={"share": shares[k][0], "points": shares[k][1]},
                     markers=(name, stored.names[k]),
@@ -193,9 +191,8 @@ def _shifted(xyz: Array, stored: MarkerTracks) -> list[Finding]:
     if not s or shares[s][0] < 0.5 or shares[s][1] < 5:  # by chance none agrees to micrometres
         return []
     return [
-        Finding(
+        alarm(
             kind="time shift",
-            alarm=True,
             text=f"stored points are {abs(s)} frames {'later' if s > 0 else 'earlier'} than their pixels "
             f"({shares[s][0] * 100:.0f} % agree when shifted by that)",
             numbers={"frames": s, "share": shares[s][0]},
@@ -210,9 +207,8 @@ def _half_solve(matrices: Array, ideal_px: Array, stored: MarkerTracks, cameras:
         share, count = _agree(points, stored.xyz_m)
         if share > 0.5 and count >= 5:
             return [
-                Finding(
+                alarm(
                     kind="one v row",
-                    alarm=True,
                     text=f"stored points were computed from the x pixels of all cameras but the y pixels of camera "
                     f"{name!r} only, as Argus does ({share * 100:.0f} % agree with that): triangulate them again",
                     numbers={"share": share, "points": count},

@@ -69,7 +69,7 @@ def clean(
         rejected[reason] = mask & np.logical_not(certain)
         xyz[rejected[reason]] = np.nan
 
-    slack = 4 * np.nan_to_num(_column_medians(sd_m))
+    slack = 4 * np.nan_to_num(medians(sd_m))
     reject("jump", jumps(xyz, t_s, max_speed_m_s=limit, slack_m=slack))
     if varying(xyz).all():  # in an image markers pass in front of each other
         reject("duplicate", duplicates(xyz, sd_m))
@@ -206,15 +206,18 @@ def off_course(xyz_m: Array) -> Array:
     padded = np.pad(xyz_m, ((2, 2), (0, 0), (0, 0)), constant_values=np.nan)
     n = len(xyz_m)
     neighbours = np.stack([padded[i : i + n] for i in (0, 1, 3, 4)])
-    finite = np.isfinite(neighbours[..., 0]).any(axis=0)
-    middle = np.full_like(xyz_m, np.nan)
-    middle[finite] = np.nanmedian(neighbours[:, finite], axis=0)
+    middle = medians(neighbours.reshape(4, -1)).reshape(xyz_m.shape)
     return np.nan_to_num(np.linalg.norm(xyz_m - middle, axis=-1))
 
 
-def _column_medians(values: Array) -> Array:
-    """Median of each column over what is finite; NaN where nothing is."""
-    return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in values.T])
+def medians(values: Array) -> Array:
+    """(M,) medians of the columns of (T, M) without NaN, as ``np.nanmedian`` gives them; NaN of none."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    count = np.isfinite(values).sum(axis=0)
+    column = np.arange(values.shape[1])
+    low, high = (np.maximum(count - 1, 0) // 2), count // 2
+    middle = 0.5 * (ordered[low, column] + ordered[np.minimum(high, len(values) - 1), column])
+    return np.where(count > 0, middle, np.nan)
 
 
 def position_sd(xyz_m: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
+from mocap.cleaning.clean import medians
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.filters.poses import INDEPENDENT
 
@@ -498,23 +499,13 @@ def steady_pairs(xyz_m: Array, bones: Bones) -> Bones:
         if marker in boned:
             continue
         distance = np.linalg.norm(xyz_m - xyz_m[:, marker, None], axis=-1)
-        median = _medians(distance)
-        varies = 1.4826 * _medians(np.abs(distance - median)) / np.maximum(median, 1e-12)
+        median = medians(distance)
+        varies = 1.4826 * medians(np.abs(distance - median)) / np.maximum(median, 1e-12)
         varies[np.isfinite(distance).sum(axis=0) < 30] = np.inf
         varies[marker] = np.inf
         best = np.argsort(varies)[:3]
         out += [(marker, int(other)) for other in best if varies[other] < 0.2]
     return np.array(out, dtype=np.int64).reshape(-1, 2)
-
-
-def _medians(values: Array) -> Array:
-    """(M,) medians of the columns of (T, M) without NaN, as ``np.nanmedian`` gives them; NaN of none."""
-    ordered = np.sort(values, axis=0)  # NaN last
-    count = np.isfinite(values).sum(axis=0)
-    column = np.arange(values.shape[1])
-    low, high = (np.maximum(count - 1, 0) // 2), count // 2
-    middle = 0.5 * (ordered[low, column] + ordered[np.minimum(high, len(values) - 1), column])
-    return np.where(count > 0, middle, np.nan)
 
 
 def pair_evidence(xyz_m: Array, lengths: Sequence[BoneLength], pair: Pair, suspects: Set[int]) -> Array:

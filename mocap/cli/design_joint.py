@@ -107,8 +107,7 @@ class PartOptions:
         Raises:
             MakeError: there is no such material.
         """
-        from mocap.joint_design.flexure import Printing
-        from mocap.joint_design.material import material
+        from mocap.joint_design.flexure import Printing, material
 
         found = material(self.material, young_mpa=self.young_mpa, strain=self.strain)
         return Printing(material=found, wall_m=self.wall_mm * MM, width_m=self.width_mm * MM)

@@ -28,8 +28,7 @@ from eal.joint_design import (
     truss_penalty,
 )
 from eal.radius import effective_sample_size
-from mocap.joint_design.flexure import MM, Printing, all_forms, energy_range, shaped
-from mocap.joint_design.material import MakeError
+from mocap.joint_design.flexure import MM, MakeError, Printing, all_forms, energy_range, shaped
 from mocap.joint_design.solid import Kit, make_kit, stacked
 from mocap.joint_design.source import JointSource
 

@@ -10,8 +10,7 @@ from manifold3d import CrossSection, JoinType, Manifold, OpType
 
 from eal.arrays import Array
 from eal.joint_design import Truss
-from mocap.joint_design.flexure import MM, ROOT_M, Flexure, Printing
-from mocap.joint_design.material import MakeError
+from mocap.joint_design.flexure import MM, ROOT_M, Flexure, MakeError, Printing
 
 PLAY_M = 0.5 * MM
 """Distance kept between a member and a post that it passes, and between layers."""

@@ -12,8 +12,7 @@ from mocap.filters.body_axes import nearest_rotation
 from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.delta import Naming, Points, of_motion, with_rates
-from mocap.kinematics.functional import frames_of, functional_joint
-from mocap.kinematics.pose import Pose, pose_of
+from mocap.kinematics.functional import Pose, frames_of, functional_joint, pose_of
 from mocap.kinematics.records import Quantity
 from mocap.measures import JointAxes, Line, Places
 from mocap.sides import RIGHT, side_of

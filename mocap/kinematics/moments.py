@@ -13,7 +13,7 @@ from mocap.filters.velocities import Motion
 from mocap.kinematics.angles import unit
 from mocap.kinematics.cycles import Footfalls
 from mocap.kinematics.delta import STEP, Naming, Points, called, central, edges, extent, neighbours, quadratic, slopes
-from mocap.kinematics.distal import Distal, distal_parts
+from mocap.kinematics.points import Distal, distal_parts
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.measures import AXES
 from mocap.skeleton import Skeleton

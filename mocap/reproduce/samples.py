@@ -1,6 +1,6 @@
 """Joint samples of the built-in bat and lizard, and of a real bat where its recording lies."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,34 +12,34 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 
 
-def wrist_about_elbow(shoulder_m: Array, elbow_m: Array, wrist_m: Array) -> Array:
-    """The wrist in the plane of the arm: along the upper arm, and across it; section 2.3.
+def wrist_about_elbow(xyz_m: Array, names: Sequence[str], arm: tuple[str, str, str]) -> Array:
+    """The wrist in the plane of the arm, where it is seen: along the upper arm, and across it; section 2.3.
 
     Args:
-        shoulder_m: (T, 3) positions.
-        elbow_m: (T, 3) positions, the origin.
-        wrist_m: (T, 3) positions.
+        xyz_m: (T, M, 3) positions.
+        names: The M markers.
+        arm: Shoulder, elbow (the origin) and wrist.
 
     Returns:
-        (T, 2) coordinates in metres.
+        (N, 2) coordinates in metres.
     """
-    axis = elbow_m - shoulder_m
+    shoulder, elbow, wrist = (np.asarray(xyz_m, dtype=np.float64)[:, names.index(name)] for name in arm)
+    axis = elbow - shoulder
     axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    arm = wrist_m - elbow_m
-    along = np.einsum("ti,ti->t", arm, axis)
-    across = np.linalg.norm(arm - along[:, None] * axis, axis=1)
-    return np.stack([along, across], axis=1)
+    along = np.einsum("ti,ti->t", wrist - elbow, axis)
+    across = np.linalg.norm(wrist - elbow - along[:, None] * axis, axis=1)
+    samples = np.stack([along, across], axis=1)
+    return samples[np.isfinite(samples).all(axis=1)]
+
+
+ARM = ("shoulder_l", "elbow_l", "wrist_l")
+"""Of the built-in animals."""
 
 
 def built_in_samples() -> Mapping[str, Array]:
     """``bat`` and ``lizard``: (N, 2) samples in metres of the left wrist about its elbow."""
-    found = {}
-    for recording in (make_bat(), make_lizard()):
-        names, xyz_m = recording.truth.names, np.asarray(recording.truth.xyz_m, dtype=np.float64)
-        shoulder, elbow, wrist = (xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))
-        samples = wrist_about_elbow(shoulder, elbow, wrist)
-        found["bat" if "bat" in recording.name else "lizard"] = samples[np.isfinite(samples).all(axis=1)]
-    return found
+    truths = {"bat": make_bat().truth, "lizard": make_lizard().truth}
+    return {animal: wrist_about_elbow(truth.xyz_m, truth.names, ARM) for animal, truth in truths.items()}
 
 
 BEATS_S, STEPS_S = np.arange(240) / 240.0, np.arange(240) / 120.0
@@ -58,13 +58,10 @@ def elbow_flights(real: Path | None = None) -> Mapping[str, list[Array]]:
     found: dict[str, list[Array]] = {"bat": [], "lizard": []}
     for seed in range(8):
         for animal, scene in (("bat", bat_motion(seed)(BEATS_S)), ("lizard", lizard_motion(seed)(STEPS_S))):
-            names = scene.skeleton.markers
-            arm = (scene.xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))
-            found[animal].append(_angle_deg(wrist_about_elbow(*arm)))
+            found[animal].append(_angle_deg(wrist_about_elbow(scene.xyz_m, scene.skeleton.markers, ARM)))
     for file in sorted((real / REAL_BAT.parts[0]).glob("*/*/*dvProject.mat")) if real is not None else ():
         prepared = clean(read(file, fps=700.0))
-        samples = wrist_about_elbow(*(np.asarray(prepared.xyz_m)[:, prepared.names.index(n)] for n in REAL_ARM))
-        found["bat"].append(_angle_deg(samples[np.isfinite(samples).all(axis=1)]))
+        found["bat"].append(_angle_deg(wrist_about_elbow(prepared.xyz_m, prepared.names, REAL_ARM)))
     return found
 
 
@@ -88,7 +85,4 @@ def real_bat_samples(folder: Path) -> Array | None:
     if not all(file.exists() for file in files):
         return None
     prepared = clean(read(files[0], calibration=files[1], fps=700.0))
-    xyz_m = np.asarray(prepared.xyz_m, dtype=np.float64)
-    shoulder, elbow, wrist = (xyz_m[:, prepared.names.index(name)] for name in REAL_ARM)
-    samples = wrist_about_elbow(shoulder, elbow, wrist)
-    return samples[np.isfinite(samples).all(axis=1)]
+    return wrist_about_elbow(prepared.xyz_m, prepared.names, REAL_ARM)

@@ -135,6 +135,7 @@ def errors(
     *,
     durations_s: Sequence[float] = (0.05,),
     velocity: Array | None = None,
+    h_s: float | None = None,
 ) -> tuple[Array, Array]:
     """Sup over [0, T] of the constraint violation and of |q_lambda - q_eps|, equation 34's norm.
 
@@ -144,6 +145,7 @@ def errors(
         penalties: (P,) values of 1/eps^2 in J.
         durations_s: D times T.
         velocity: (d,) start; None: the experiment's.
+        h_s: Step in s; None: ``STEP_S``.
 
     Returns:
         Constraint and state error, each (D, L, P).
@@ -151,11 +153,12 @@ def errors(
     grid = np.broadcast_to(penalties, (len(potentials), len(penalties)))
     model = PenalisedModel(system=experiment.system, penalty=PotentialStack(potentials), strength=grid)
     start = experiment.velocity if velocity is None else velocity
-    run = simulate(model, experiment.start, start, duration_s=max(durations_s), h_s=STEP_S)
+    h_s = STEP_S if h_s is None else h_s
+    run = simulate(model, experiment.start, start, duration_s=max(durations_s), h_s=h_s)
     violation = np.maximum.accumulate(experiment.violation(run.q), axis=0)
     away = np.linalg.norm(run.q - experiment.truth(run.t_s)[:, None, None, :], axis=-1)
     state = np.maximum.accumulate(away, axis=0)
-    ends = [round(t / STEP_S) for t in durations_s]
+    ends = [round(t / h_s) for t in durations_s]
     return violation[ends], state[ends]
 
 

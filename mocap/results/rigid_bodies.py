@@ -9,7 +9,7 @@ from mocap.errors import MocapError
 from mocap.filters.velocities import Motion
 from mocap.io.xmalab import BODY_ENTRIES
 from mocap.kinematics.bodies import with_places
-from mocap.kinematics.pose import pose_of
+from mocap.kinematics.functional import pose_of
 from mocap.skeleton import Skeleton, write_skeleton
 
 AXES_FILE = "axes.toml"

@@ -210,8 +210,9 @@ def test_the_wrist_is_measured_in_the_plane_of_the_arm(rng):
     """Turning and moving the animal changes nothing; a right angle at the elbow is (0, forearm)."""
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     points = np.array([[[0.0, 0.0, 0.0]], [[0.02, 0.0, 0.0]], [[0.02, 0.0, 0.011]]])
-    moved = points @ turn.T + [0.3, -0.1, 2.0]
-    np.testing.assert_allclose(wrist_about_elbow(*moved), [[0.0, 0.011]], atol=1e-15)
+    moved = (points @ turn.T + [0.3, -0.1, 2.0]).swapaxes(0, 1)
+    arm = ("shoulder", "elbow", "wrist")
+    np.testing.assert_allclose(wrist_about_elbow(moved, arm, arm), [[0.0, 0.011]], atol=1e-15)
 
 
 @pytest.mark.parametrize("experiment", [planar(), spherical()], ids=["planar", "spherical"])

@@ -10,7 +10,7 @@ from mocap.filters.ensemble import Gaussian
 from mocap.filters.models.articulated import ArticulatedSettings, learn_articulated, rooted
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.motion.enforce import Term, enforce
+from mocap.filters.motion.potential import Term, enforce
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import filter_frame

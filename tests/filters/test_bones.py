@@ -10,8 +10,7 @@ from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Markers, View
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.motion.bones import Bones, bones_term
-from mocap.filters.motion.enforce import enforce
+from mocap.filters.motion.potential import Bones, bones_term, enforce
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from scipy.optimize import minimize

@@ -6,7 +6,7 @@ import numpy as np
 from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Smoothed
 from mocap.filters.models.pose import PoseSettings, learn_pose
-from mocap.filters.motion.enforce import informed
+from mocap.filters.motion.potential import informed
 from mocap.filters.motion.shape import LinearShape
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial, poses_of

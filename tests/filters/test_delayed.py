@@ -7,8 +7,7 @@ import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.models import delayed_poses
 from mocap.filters.models.base import TrialSet
-from mocap.filters.models.delayed_poses import Delayed, completed, fill_delayed, gaps_of
-from mocap.filters.neighbours import Neighbours, body_itself
+from mocap.filters.models.delayed_poses import Delayed, Neighbours, body_itself, completed, fill_delayed, gaps_of
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 

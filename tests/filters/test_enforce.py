@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.ensemble import Gaussian
-from mocap.filters.motion.enforce import Coordinates, enforce, potential_term
+from mocap.filters.motion.potential import Coordinates, enforce, potential_term
 
 
 def gaussian(rng, n):

@@ -15,9 +15,9 @@ from mocap.filters.groups import groups_of
 from mocap.filters.joint_types import joints_of
 from mocap.filters.mixture import Mixture
 from mocap.filters.models import articulated, lagrangian, pose
+from mocap.filters.models.delayed_poses import Neighbours
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
-from mocap.filters.neighbours import Neighbours
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, MarkerTrial, known_shapes
 from mocap.filters.rigid import wobble_deg
 from mocap.filters.score import Residuals
@@ -235,15 +235,21 @@ def test_groups_have_about_thirty_markers(markers, groups):
     assert len(groups_of(model)) == groups
 
 
-@pytest.mark.parametrize(("markers", "way"), [(55, "together"), (65, "groups")])
-def test_sixty_markers_are_filtered_together(monkeypatch, markers, way):
-    """More in groups."""
+@pytest.mark.parametrize(("markers", "in_groups"), [(55, False), (65, True)])
+def test_sixty_markers_are_filtered_together(monkeypatch, markers, in_groups):
+    """More in groups. Together begins with the state of all."""
+    began = []
     monkeypatch.setattr(track, "groups_of", lambda _model: None)
     monkeypatch.setattr(track, "smooth_in_groups", lambda *_, **__: "groups")
-    monkeypatch.setattr(track, "smooth_together", lambda *_, **__: "together")
     model = object.__new__(PoseMotion)
     object.__setattr__(model, "subspace", SimpleNamespace(mean=np.zeros(3 * markers)))
-    assert track.smooth(model, None, np.zeros(1)) == way
+    object.__setattr__(model, "initial", lambda: began.append(1))
+    if in_groups:
+        assert track.smooth(model, None, np.zeros(1)) == "groups"
+    else:
+        with pytest.raises(AttributeError, match="cov"):
+            track.smooth(model, SimpleNamespace(n_frames=1), np.zeros(1))
+    assert bool(began) is not in_groups
 
 
 @pytest.mark.parametrize(("learned", "counts"), [(30.0, 30.0), (np.inf, 36.0)])

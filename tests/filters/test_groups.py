@@ -10,7 +10,7 @@ from mocap.filters.models.pose import PoseSettings, likely_noise
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
-from mocap.filters.track import smooth, smooth_together
+from mocap.filters.track import smooth
 from mocap.filters.velocities import RatePoints
 
 T = 40
@@ -42,8 +42,8 @@ def test_one_group_is_the_filter_of_all(bat):
     """The same operations on arrays that lie otherwise in memory: equal to rounding."""
     model, seen, truth = bat
     asked = RatePoints(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,), pairs=((0, 1), (0, 34)))
-    whole = smooth_together(model, seen, truth.t_s, rate_points=asked)
-    one = smooth_in_groups(model, seen, truth.t_s, [np.arange(34)], smooth_together, rate_points=asked)
+    whole = smooth(model, seen, truth.t_s, rate_points=asked)
+    one = smooth_in_groups(model, seen, truth.t_s, [np.arange(34)], smooth, rate_points=asked)
     np.testing.assert_allclose(one.xyz_m, whole.xyz_m, atol=1e-12)
     np.testing.assert_allclose(one.cov_m2, whole.cov_m2, rtol=1e-7, atol=1e-15)
     np.testing.assert_allclose(one.log_likelihood, whole.log_likelihood)
@@ -60,7 +60,7 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     """
     model, seen, truth = bat
     asked = RatePoints(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
-    whole = smooth_together(model, seen, truth.t_s, rate_points=asked)
+    whole = smooth(model, seen, truth.t_s, rate_points=asked)
     monkeypatch.setattr("mocap.filters.track.MOST", 30)
     monkeypatch.setattr("mocap.filters.groups.MOST", 34)
     found = smooth(model, seen, truth.t_s, rate_points=asked)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mocap.filters.neighbours import Neighbours, body_itself
+from mocap.filters.models.delayed_poses import Neighbours, body_itself
 from scipy.spatial.transform import Rotation
 
 WHICH = np.array([True, True, False, True, True])
@@ -28,7 +28,7 @@ def test_a_marker_of_a_rigid_segment_rests_among_its_neighbours(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_are_those_of_weighted_procrustes_analysis(seed, monkeypatch):
     """Without firmness: scipy's solution of Wahba's problem with the same weights; the origin is their mean."""
-    monkeypatch.setattr("mocap.filters.neighbours.FIRM", 0.0)
+    monkeypatch.setattr("mocap.filters.models.delayed_poses.FIRM", 0.0)
     rng = np.random.default_rng(seed)
     poses = segment(rng, bend=0.002)
     near = Neighbours.of(WHICH, poses, rng.uniform(0.01, 0.03, 4))

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from mocap.filters.conditional import Moments, Normal, moments
+from mocap.filters.conditional import expected, patterns, regression
+from mocap.filters.gaussian import diagonal_blocks
 from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
@@ -30,6 +31,79 @@ def delayed(y: Array, lags: Sequence[int]) -> Array:
         if high > low:
             out[low:high, k] = y[low + lag : high + lag]
     return out.reshape(len(y), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Weighted sums over poses.
+
+    Attributes:
+        count: Total weight.
+        first: (D,) sum.
+        second: (D, D) sum of outer products.
+    """
+
+    count: float
+    first: Array
+    second: Array
+
+    def __add__(self, other: "Moments") -> "Moments":
+        """Moments of both sets."""
+        return Moments(self.count + other.count, self.first + other.first, self.second + other.second)
+
+    def part(self, columns: NDArray[np.int64]) -> "Moments":
+        """Of some columns alone."""
+        return Moments(self.count, self.first[columns], self.second[np.ix_(columns, columns)])
+
+    def normal(self, ridge: Array) -> "Normal":
+        """The Gaussian of these moments; (D,) ``ridge`` is added to the variances."""
+        mean = self.first / self.count
+        cov = self.second / self.count - np.outer(mean, mean)
+        return Normal(mean, 0.5 * (cov + cov.T) + np.diag(ridge))
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """A Gaussian over poses: mean (D,), covariance (D, D)."""
+
+    mean: Array
+    cov: Array
+
+    def part(self, columns: NDArray[np.int64]) -> "Normal":
+        """Of some columns alone."""
+        return Normal(self.mean[columns], self.cov[np.ix_(columns, columns)])
+
+    def condition(self, poses: Array, columns: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Some columns of (N, D) poses completed, and the covariance of what was missing of each of their markers.
+
+        Args:
+            poses: (N, D) poses; NaN where not seen.
+            columns: (3 M,) columns that are asked for, three a marker.
+
+        Returns:
+            (N, M, 3) positions and (N, M, 3, 3) covariances, zero where seen.
+        """
+        seen = np.isfinite(poses)
+        out = np.where(seen, poses, self.mean)[:, columns].reshape(len(poses), -1, 3)
+        spread = np.zeros((*out.shape, 3))
+        for pattern, rows in patterns(seen):
+            wanted = columns[~pattern[columns]]
+            marker = np.flatnonzero(~pattern[columns[::3]])
+            cross = self.cov[np.ix_(pattern, wanted)]
+            weights = regression(self.cov, pattern, cross)
+            left = self.cov[np.ix_(wanted, wanted)] - cross.T @ weights
+            values = poses[np.ix_(rows, np.flatnonzero(pattern))] - self.mean[pattern]
+            out[np.ix_(rows, marker)] = (self.mean[wanted] + values @ weights).reshape(len(rows), -1, 3)
+            spread[np.ix_(rows, marker)] = diagonal_blocks(0.5 * (left + left.T))
+        return out, spread
+
+
+def moments(poses: Array, weight: float, normal: Normal | None = None) -> Moments:
+    """Expected moments of (N, D) poses under a Gaussian where they have NaN (the E step)."""
+    extra = np.zeros((poses.shape[1],) * 2)
+    if normal is not None:
+        poses, extra = expected(poses, normal.mean, normal.cov)
+    return Moments(weight * len(poses), weight * poses.sum(axis=0), weight * (poses.T @ poses + extra))
 
 
 @dataclass(frozen=True, eq=False)

@@ -254,6 +254,7 @@ def test_a_worker_goes_before_its_cluster_knew_of_it(monkeypatch):
     def unknown(*event):
         raise KeyError(event[-1])
 
+    monkeypatch.setattr(engine, "LocalCluster", lambda **options: LocalCluster(**options | {"processes": False}))
     with engine.client(jobs=1, memory=None, scheduler=None) as connected:
         cluster = connected.cluster
         monkeypatch.setattr(LocalCluster, "_update_worker_status", unknown)
@@ -271,6 +272,7 @@ def test_a_worker_starts_while_its_cluster_is_closed(monkeypatch):
         return await retire(scheduler, *arguments, **options)
 
     monkeypatch.setattr(Scheduler, "retire_workers", fails_thrice)
+    monkeypatch.setattr(engine, "LocalCluster", lambda **options: LocalCluster(**options | {"preload": []}))
     others = set(workers())
     with engine.client(jobs=1, memory=None, scheduler=None) as connected:
         cluster = connected.cluster

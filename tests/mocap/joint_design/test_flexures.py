@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 
 from eal.joint_design import Truss
-from mocap.joint_design.flexure import MM, Flexure, Printing, all_forms, energy_range, forms, shaped
-from mocap.joint_design.material import MATERIALS, MakeError, material
+from mocap.joint_design.flexure import (
+    MATERIALS,
+    MM,
+    Flexure,
+    MakeError,
+    Printing,
+    all_forms,
+    energy_range,
+    forms,
+    material,
+    shaped,
+)
 from mocap.joint_design.solid import keeps_wall, meander_line, member_outline
 from tests.reference.frame import frame_response
 

@@ -11,7 +11,7 @@ from mocap.errors import MocapError, SkeletonError
 from mocap.io.registry import read
 from mocap.kinematics import angles
 from mocap.kinematics.bodies import joint_quantities, with_places
-from mocap.kinematics.pose import pose_of
+from mocap.kinematics.functional import pose_of
 from mocap.measures import SEQUENCES, JointAxes, Measures
 from mocap.results.rigid_bodies import write_rigid_bodies
 from mocap.skeleton import Skeleton, read_skeleton, write_skeleton

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
 from mocap.kinematics.bodies import joint_quantities, with_places
-from mocap.kinematics.functional import functional_joint
-from mocap.kinematics.pose import pose_of
+from mocap.kinematics.functional import functional_joint, pose_of
 from mocap.measures import JointAxes, Measures
 from tests.filters.bodies_trials import smooth
 from tests.mocap.kinematics.body_motions import NAMES, moving, skeleton

@@ -8,7 +8,7 @@ import pytest
 from mocap.errors import MocapError
 from mocap.kinematics import cycles, functional
 from mocap.kinematics.delta import Naming, Points, with_rates
-from mocap.kinematics.pose import pose_of
+from mocap.kinematics.functional import pose_of
 from tests.mocap.kinematics.body_motions import NAMES, moving
 from tests.mocap.kinematics.test_functional import jointed
 

@@ -14,8 +14,8 @@ from mocap.filters.velocities import Motion
 
 from eal.systems import GRAVITY_M_S2
 from mocap.kinematics.cycles import Footfalls
-from mocap.kinematics.distal import Distal, distal_parts
 from mocap.kinematics.moments import moments
+from mocap.kinematics.points import Distal, distal_parts
 from mocap.kinematics.records import Rests
 from mocap.measures import Measures, Segment
 from mocap.results.tables import write_kinematics

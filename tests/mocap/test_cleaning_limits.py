@@ -12,7 +12,7 @@ from mocap.cleaning.camera_health import camera_health
 from mocap.cleaning.click_noise import _most_likely_dof, student_t
 from mocap.cleaning.likelihoods import likelihood_noise
 from mocap.cleaning.swap_states import settle
-from mocap.cleaning.swapped_rays import _Rays, agreement, extent_px
+from mocap.cleaning.swapped_rays import _Rays, _runs, agreement, extent_px
 from mocap.cleaning.swaps import BoneLength, pair_evidence, runs_of, unbroken
 from tests.mocap.rigs import cloud, ring
 
@@ -405,3 +405,11 @@ def test_a_stretch_that_fills_a_hole_is_doubtful_where_its_marker_is_ten_times_a
     _, doubtful = swaps.lone_runs(xyz, np.full(2, 0.1), [])
     assert doubtful[90:95, 1].all() == doubted
     assert doubtful.sum() == 5 * doubted
+
+
+@pytest.mark.parametrize(("gain", "found"), [(19.0, 0), (21.0, 1)])
+def test_a_run_in_one_camera_pays_for_a_change_and_a_margin(gain, found):
+    """12 and 8 over, in two of ten frames."""
+    each = np.full(10, -1.0)
+    each[4:6] = gain / 2
+    assert len(_runs((0, 0, 1), each, np.ones((10, 2), dtype=bool))) == found

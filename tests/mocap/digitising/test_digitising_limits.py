@@ -259,7 +259,7 @@ def test_a_window_is_four_deviations_and_24_pixels_wide(sd_px, half_px):
 
 
 @pytest.mark.parametrize(
-    ("sd_px", "anywhere"), [([58.0], False), ([62.0], True), ([1, 1e3], False), ([1, 1e3, 1e3], True)]
+    ("sd_px", "anywhere"), [([58.0], False), ([62.0], True), ([1, 1e3], False), ([1, 1, 1, 1e3, 1e3, 1e3, 1e3], True)]
 )
 def test_all_of_an_image_is_searched_where_half_the_markers_are_unknown(sd_px, anywhere):
     """To 60 px."""
@@ -409,3 +409,10 @@ def test_points_match_a_triple_within_three_deviations(share, matches):
     far = long.copy()
     far[0, 1] = far[1, 0] = long[0, 1] + share * (1.5 * sd[0, 1] + 0.01 * long[0, 1])
     assert ((0, 1, 2) in register._matching(far, poses, (0, 1, 2))) == matches
+
+
+@pytest.mark.parametrize(("density", "limited"), [(0.008, 0.008), (0.02, 0.01)])
+def test_no_marker_jerks_by_more_than_a_twentieth_of_the_animal(density, limited):
+    """In a frame: of an animal of 2 m."""
+    this = SimpleNamespace(observer=SimpleNamespace(length_m=2.0))
+    assert min(density, engine.Engine.fastest.fget(this)) == pytest.approx(limited)

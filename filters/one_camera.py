@@ -111,7 +111,7 @@ class Left:
         columns = np.tile([[1.0], [-2 * rho], [rho**2]], steps)
         columns[1, 0] = -c
         given = sparse.dia_array((columns, [0, -1, -2]), shape=(steps, steps))
-        return (sparse.diags_array(1 / (self.sd_m * np.sqrt(share))) @ given).tocsr()
+        return sparse.csr_array(sparse.diags_array(1 / (self.sd_m * np.sqrt(share))) @ given)
 
     def cost(self, e: Array) -> float:
         """See ``trajectory.Problem``."""

@@ -31,7 +31,7 @@ def desk(
     from mocap.batches.trial import Options
     from mocap.desk.desk import opened_desk
     from mocap.desk.page import desk_page
-    from mocap.web.server import served  # before all that needs the extra, which it names
+    from mocap.web.server import served
 
     options = Options(model=checked_model(model), validate=validate)
     with (

@@ -71,7 +71,7 @@ def digitise(
         from mocap.desk.desk import Desk
         from mocap.desk.page import desk_page
         from mocap.desk.session import SAVED, open_session
-        from mocap.web.server import served  # before all that needs the extra, which it names
+        from mocap.web.server import served
 
         words = [word for word in sys.argv[1:] if word != "--web"]  # of two --start the last one counts
         same = typed(program(), *words, "--start", out / SAVED, "--force")

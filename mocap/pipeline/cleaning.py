@@ -190,9 +190,9 @@ def _film(recording: Recording, first: int) -> Recording:
         audited=tuple(audited),
         readings=(),
         findings=(
+            *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
             *film.readings,
             *film.findings,
-            *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
             *(f for f in audited if f.alarm or f.kind == "mirrored world"),
             *lens,
             *sentences.late_cameras(cameras, film.late_frames),

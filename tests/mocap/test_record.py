@@ -33,14 +33,14 @@ def declared(recording):
 
 
 def test_each_step_adds_the_variables_that_are_declared(bat):
-    """Read: pixels alone; cleaned: the rest; as they are declared, and not to be written into."""
-    assert set(bat.data.data_vars) == {"pixels"}
+    """Read: pixels, and ideal ones; cleaned: the rest; as they are declared, and not to be written into."""
+    assert set(bat.data.data_vars) == {"pixels", "ideal"}
     done = mocap.clean(bat)
     others = {"late", "likelihood", "confidence", "lens_covariance", "edited", "by_hand", "overruled"}
     assert set(done.data.data_vars) | others == {name for name, one in VARIABLES.items() if one.since != "track"}
     declared(bat)
     declared(done)
-    assert set(bat.data.data_vars) == {"pixels"}, "the first one stays as it was"
+    assert set(bat.data.data_vars) == {"pixels", "ideal"}, "the first one stays as it was"
     assert mocap.clean(done) is done
 
 

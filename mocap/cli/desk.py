@@ -1,5 +1,6 @@
 """``mocap desk``."""
 
+import webbrowser
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +31,6 @@ def desk(
     from mocap.batches.trial import Options
     from mocap.desk.desk import opened_desk
     from mocap.desk.page import desk_page
-    from mocap.rerun.viewer import browse
     from mocap.web.server import served
 
     options = Options(model=checked_model(model), validate=validate)
@@ -44,5 +44,5 @@ def desk(
             f"The desk is at {page.address} (Ctrl-C here ends it; each correction is kept in {out} at once)",
             "Who has this address can see the recordings and change the corrections: keep it to yourself.",
         )
-        browse(page.address)
+        webbrowser.open(page.address)
         page.wait()

@@ -21,10 +21,11 @@ def view(
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
 ) -> None:
     """Open a run, or compare several, in rerun, on 127.0.0.1 only."""
+    import webbrowser
     from tempfile import TemporaryDirectory
 
     from mocap.rerun.compare import recording_of
-    from mocap.rerun.viewer import browse, open_viewer
+    from mocap.rerun.viewer import open_viewer
 
     with TemporaryDirectory() as folder:
         if frames is None:
@@ -36,7 +37,7 @@ def view(
         try:
             if viewer.url:
                 errors.print(f"{viewer.url}\nCtrl-C to stop.", highlight=False, soft_wrap=True)
-                browse(viewer.url)
+                webbrowser.open(viewer.url)
             viewer.wait()
         except KeyboardInterrupt:
             pass

@@ -5,6 +5,7 @@ import queue
 import sys
 import threading
 import time
+import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from mocap.rerun.log_markers import ellipsoids, log_looks, log_world
 from mocap.rerun.record import APPLICATION
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.scene_views import eye, world_view
-from mocap.rerun.viewer import Viewer, browse, has_display, open_viewer
+from mocap.rerun.viewer import Viewer, has_display, open_viewer
 from mocap.sides import side_of
 from mocap.skeleton import Skeleton
 
@@ -216,7 +217,7 @@ def session(tell: Callable[[str], None]) -> Iterator[tuple[Session, Viewer]]:
     try:
         if viewer.url:
             tell(viewer.url)
-            browse(viewer.url)
+            webbrowser.open(viewer.url)
         yield Session(viewer.sink, tell), viewer
     finally:
         viewer.close()

@@ -12,7 +12,6 @@ import tempfile
 import threading
 import time
 import urllib.request
-import webbrowser
 from collections.abc import Mapping
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -112,15 +111,6 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
             viewer.close()
             raise
     return viewer
-
-
-def browse(url: str) -> None:
-    """Open the user's browser in a thread of its own.
-
-    While a process starts its thread hears no signal. One that came then to the main thread would be left to another
-    thread, and wake no wait of the main one: the command would not end.
-    """
-    threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
 
 def _page(source: str, *, asks: str) -> ThreadingHTTPServer:

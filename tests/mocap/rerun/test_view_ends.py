@@ -1,13 +1,11 @@
 """A viewer serves a recording no longer than the command that opened it lives."""
 
 import os
-import queue
 import re
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
@@ -15,7 +13,7 @@ from flapping import make_run
 
 from mocap.rerun import guardian
 from mocap.rerun.record import write_recording
-from mocap.rerun.viewer import HOST, browse
+from mocap.rerun.viewer import HOST
 
 
 @pytest.fixture(scope="module")
@@ -96,13 +94,3 @@ def test_what_does_not_listen_is_killed():
         said.readline()
         guardian.end(running)
     assert running.returncode in (128 + signal.SIGKILL, 1) if sys.platform != "win32" else True
-
-
-def test_the_browser_starts_beside_the_main_thread(monkeypatch):
-    """Whose signals its start would hold up."""
-    heard = queue.Queue()
-    monkeypatch.setattr("webbrowser.open", lambda url: heard.put((url, threading.current_thread())))
-    browse("http://127.0.0.1/")
-    url, thread = heard.get(timeout=60)
-    assert url == "http://127.0.0.1/"
-    assert thread is not threading.main_thread()

@@ -59,7 +59,9 @@ class Viewer:
         Raises:
             ViewerError: it ended with an error.
         """
-        if self.process.wait() > 0:
+        while (code := self.process.poll()) is None:
+            time.sleep(0.2)  # a signal that another thread gets, as a busy machine gives it, wakes no longer wait
+        if code > 0:
             raise _failed(self)
 
     def close(self) -> None:

@@ -316,6 +316,7 @@ def from_tracks(
         *table(["camera", "moved mm", "turned degrees", "focal length / old one"], rows),
         *(f"- {plain(b)}: {r:.4f} times the stated length" for b, r in zip(bones, found.length_ratio, strict=True)),
         *(f"- {plain(str(finding))}" for finding in film.readings),
+        "",
         "Coefficients are for the same (undistorted) pixels as before: use the same camera profile with them.",
     ]
     numbers = {

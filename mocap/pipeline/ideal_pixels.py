@@ -30,9 +30,16 @@ def with_ideal_pixels(recording: Recording) -> Recording:
         CalibrationError: pixels and coefficients do not belong together, or what was to be estimated cannot be.
         OriginError: the pixels do not tell where they are counted from.
     """
-    if not recording.cameras or recording.pixels is None or not recording.seen.any():
+    if recording.pixels is None or not recording.seen.any():
         return recording
-    if of_one_camera(recording):
+    alone = of_one_camera(recording)
+    if alone or recording.planar:
+        for name in ("fit_lens", "correct_lag"):
+            if getattr(recording.options, name):
+                raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out")
+    if not recording.cameras:
+        return recording
+    if alone:
         return _alone(recording)
     own = without_hand(recording)
     found, findings = _together(own), ()
@@ -138,15 +145,8 @@ def straightened(recording: Recording, uv_px: Array) -> Array:
 
 
 def _alone(recording: Recording) -> Recording:
-    """Where pixels are counted from is stated or taken as usual: nothing can tell from one camera.
-
-    Raises:
-        CalibrationError: something was to be estimated from rays that meet.
-    """
+    """Where pixels are counted from is stated or taken as usual: nothing can tell from one camera."""
     options = recording.options
-    for name in ("fit_lens", "correct_lag"):
-        if getattr(options, name):
-            raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out, or give a `profile`")
     rows = origin_alone(recording.cameras, options)
     film = replace(recording.having(ideal=rows.ideal(recording.cameras, recording.data["pixels"].values)), rows=rows)
     known = options.origin or options.usual or all(camera.lens is None for camera in recording.cameras)

@@ -1,5 +1,7 @@
 """``mocap track`` of one calibrated camera with a model learned from other recordings."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from mocap.filters.errors import FilterError
@@ -99,7 +101,9 @@ def test_a_model_of_another_rate_is_refused(files, learned):
         mocap.track(recording, model=learned)
 
 
-def test_what_needs_rays_that_meet_is_refused(files, learned):
-    """The lens of one camera cannot be fitted to its own pixels."""
-    with pytest.raises(MocapError, match="`fit_lens`: needs markers that two cameras see"):
-        mocap.track(read(files, fit_lens=True), model=learned)
+@pytest.mark.parametrize("option", ["fit_lens", "correct_lag"])
+def test_what_needs_rays_that_meet_is_refused(files, option):
+    """The lens of one camera cannot be fitted to its own pixels, with its calibration and without."""
+    for read_one in (partial(read, files), partial(mocap.read, files[0], fps=FPS)):
+        with pytest.raises(MocapError, match=f"`{option}`: needs markers that two cameras see"):
+            read_one(**{option: True})

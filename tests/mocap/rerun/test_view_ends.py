@@ -6,14 +6,16 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+from io import BytesIO
 
 import pytest
 from flapping import make_run
 
 from mocap.rerun import guardian
 from mocap.rerun.record import write_recording
-from mocap.rerun.viewer import HOST
+from mocap.rerun.viewer import HOST, Viewer
 
 
 @pytest.fixture(scope="module")
@@ -94,3 +96,23 @@ def test_what_does_not_listen_is_killed():
         said.readline()
         guardian.end(running)
     assert running.returncode in (128 + signal.SIGKILL, 1) if sys.platform != "win32" else True
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_signal_that_another_thread_gets_ends_the_wait():
+    """As the system gives it on a busy machine; a sleep in waitpid would go on."""
+
+    def heard(*_):
+        raise InterruptedError
+
+    before = signal.signal(signal.SIGUSR1, heard)
+    command = [sys.executable, "-c", "import time; time.sleep(1e6)"]
+    process = guardian.started(command, environment=os.environ, output=subprocess.DEVNULL)
+    viewer = Viewer(process=process, url=None, sink="", messages=BytesIO())
+    try:
+        threading.Timer(0.3, lambda: signal.pthread_kill(threading.get_ident(), signal.SIGUSR1)).start()
+        with pytest.raises(InterruptedError):
+            viewer.wait()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+        viewer.close()

@@ -122,7 +122,7 @@ def from_pixels(
         fit_lens=fit_lens,
     )
     found = _recording(contents, rig, readings, name=name, fps=fps, unit=None, skeleton=skeleton)
-    return with_ideal_pixels(replace(found, pixel_sd=pixel_sd, options=options))
+    return with_ideal_pixels(replace(found, pixel_sd=pixel_sd), options)
 
 
 def _recording(

@@ -20,10 +20,14 @@ from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
 
 
-def with_ideal_pixels(recording: Recording) -> Recording:
+def with_ideal_pixels(recording: Recording, options: PixelOptions) -> Recording:
     """Decide where pixels are counted from and the unit of the calibration, and take out lenses and lags.
 
     What has no cameras or pixels stays as it is.
+
+    Args:
+        recording: As its files are.
+        options: What is stated of its pixels.
 
     Raises:
         FormatError: no unit makes it an animal.
@@ -35,18 +39,18 @@ def with_ideal_pixels(recording: Recording) -> Recording:
     alone = of_one_camera(recording)
     if alone or recording.planar:
         for name in ("fit_lens", "correct_lag"):
-            if getattr(recording.options, name):
+            if getattr(options, name):
                 raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out")
     if not recording.cameras:
         return recording
     if alone:
-        return _alone(recording)
+        return _alone(recording, options)
     own = without_hand(recording)
-    found, findings = _together(own), ()
+    found, findings = _together(own, options), ()
     if (recording.unit or recording.data.attrs.get("space_unit")) is None:
         unit, findings = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
         if unit != "m":
-            found = _together(replace(own, unit=unit, cameras=scaled(own.cameras, UNIT_M[unit])))
+            found = _together(replace(own, unit=unit, cameras=scaled(own.cameras, UNIT_M[unit])), options)
     found = found.having(pixels=recording.data["pixels"].values) if own is not recording else found
     return replace(found, readings=(*findings, *found.readings))
 
@@ -74,8 +78,8 @@ def of_pixels(
     """
     animal = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
     data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
-    made = Recording(name=name, data=data, skeleton=animal, cameras=tuple(cameras), options=options, **stated)  # type: ignore[arg-type]
-    return with_ideal_pixels(made)
+    made = Recording(name=name, data=data, skeleton=animal, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
+    return with_ideal_pixels(made, options)
 
 
 def without_hand(recording: Recording) -> Recording:
@@ -144,17 +148,16 @@ def straightened(recording: Recording, uv_px: Array) -> Array:
     return ideal if late is None else audit.in_step(ideal, late)
 
 
-def _alone(recording: Recording) -> Recording:
+def _alone(recording: Recording, options: PixelOptions) -> Recording:
     """Where pixels are counted from is stated or taken as usual: nothing can tell from one camera."""
-    options = recording.options
     rows = origin_alone(recording.cameras, options)
     film = replace(recording.having(ideal=rows.ideal(recording.cameras, recording.data["pixels"].values)), rows=rows)
     known = options.origin or options.usual or all(camera.lens is None for camera in recording.cameras)
     return film if known else replace(film, readings=(*film.readings, sentences.unknown_corner(rows.pixels)))
 
 
-def _together(recording: Recording) -> Recording:
-    cameras, options, uv_px = recording.cameras, recording.options, recording.data["pixels"].values
+def _together(recording: Recording, options: PixelOptions) -> Recording:
+    cameras, uv_px = recording.cameras, recording.data["pixels"].values
     try:
         rows = _decided_apart(uv_px, cameras, options)
     except CalibrationError as error:

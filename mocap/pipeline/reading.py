@@ -129,10 +129,10 @@ def read(
         stored=_stored(contents, cameras, files[0], points),
         unit=unit,
         pixel_sd=pixel_sd,
-        options=replace(options, usual=contents.pixel_origin),
         mm_per_px=mm_per_px,
     )
-    return with_ideal_pixels(found if log is None else edited(found, read_edits(log), where=log.name))
+    found = found if log is None else edited(found, read_edits(log), where=log.name)
+    return with_ideal_pixels(found, replace(options, usual=contents.pixel_origin))
 
 
 OPTIONS = {name: OTHER_OPTIONS.get(name, "--" + name.replace("_", "-")) for name in {**signature(read).parameters}}

@@ -18,7 +18,7 @@ from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens
 from mocap.calls import check_stated
 from mocap.cameras.camera import Camera, stacked
-from mocap.cameras.origin import PixelOptions, PixelOrigin
+from mocap.cameras.origin import PixelOrigin
 from mocap.cleaning.camera_health import BadTime
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 from mocap.cleaning.swaps import Swap
@@ -134,7 +134,6 @@ class Recording:
         stored: Positions of a file that are compared with those of the pixels; None: there are none.
         unit: Unit of lengths, as the user states it.
         pixel_sd: Standard deviation of a pixel; None: estimated.
-        options: What is stated of the pixels.
         mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions are pixels.
         cleaned: Whether ``clean`` has made it; all that follows is known only then.
         rows: Where pixel rows are counted from, as decided when it was read; None: without two cameras that see
@@ -173,7 +172,6 @@ class Recording:
     stored: FileContents | None = None
     unit: str | None = None
     pixel_sd: float | None = None
-    options: PixelOptions = field(default_factory=PixelOptions)
     mm_per_px: float | None = None
     cleaned: bool = False
     rows: PixelOrigin | None = None

@@ -56,7 +56,7 @@ def same(one, other, rtol=1e-9):
 
 def alike(one, other, rtol=1e-9):
     """Whether two recordings of pixels are the same before they are cleaned: clicks, lenses and projections."""
-    assert (one.names, one.unit or "m", one.options) == (other.names, other.unit or "m", other.options)
+    assert (one.names, one.unit or "m", one.rows.pixels) == (other.names, other.unit or "m", other.rows.pixels)
     np.testing.assert_array_equal(one.data["pixels"], other.data["pixels"])
     assert [camera.lens for camera in one.cameras] == [camera.lens for camera in other.cameras]
     np.testing.assert_allclose(one.matrices, other.matrices, rtol=rtol, atol=1e-9)

@@ -160,10 +160,9 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
     lines += ["", "What is wrong, worst first" if wrong else "Nothing is wrong"]
     decided = len(notes(report))
     for shown in range(len(wrong), -1, -1):
-        items = [
-            part for k, sentence in enumerate(wrong[:shown]) for part in _indented(f"{k + 1}. {sentence}", deeper="   ")
-        ]
-        more = [f"{len(wrong) - shown} more"] if shown < len(wrong) else []
+        told = wrong[:shown] or [textwrap.shorten(one, 74, placeholder=" ...") for one in wrong[:1]]  # one line
+        items = [part for k, one in enumerate(told) for part in _indented(f"{k + 1}. {one}", deeper="   ")]
+        more = [f"{len(wrong) - len(told)} more"] if len(told) < len(wrong) else []
         more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
         items += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
         if len(lines) + len(items) + len(after) <= LINES:

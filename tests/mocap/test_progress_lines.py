@@ -71,6 +71,15 @@ def test_a_result_is_told_in_25_lines(tmp_path):
     assert "241 mm" in text
 
 
+def test_the_worst_is_named_where_it_does_not_fit(tmp_path):
+    """In one line, cut; the others are counted."""
+    lines = console.closing({**REPORT, "wrong": ["one word and another " * 60, "next"]}, tmp_path)
+    assert len(lines) <= 25
+    (told,) = [line for line in lines if line.startswith("  1. one word")]
+    assert told.endswith(" ...")
+    assert "  1 more: report.html, or --verbose" in lines
+
+
 def test_a_better_model_than_the_one_used_is_told(tmp_path):
     """Not only that another had the smaller error: what to type for it. Without one nothing is wrong."""
 

@@ -127,6 +127,11 @@ class Measures:
                 raise SkeletonError(f"measures: segment {name!r} needs a positive mass_g, not {part.mass_g:g}")
 
     @property
+    def cyclic(self) -> bool:
+        """Whether anything is named that moves in cycles."""
+        return bool(self.strokes or self.feet or self.chain)
+
+    @property
     def masses(self) -> list[tuple[str, str, float, float]]:
         """First and last marker, kilograms and centre of each segment."""
         return [(s.start, s.end, 1e-3 * s.mass_g, s.centre) for s in self.segments.values()]

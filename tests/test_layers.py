@@ -92,7 +92,6 @@ ALLOWED = {
         "mocap/digitising",
         "mocap/io",
         "mocap/joint_design",
-        "mocap/kinematics",
         "mocap/pipeline",
         "mocap/reproduce",
         "mocap/rerun",

@@ -23,6 +23,7 @@ from mocap.batches.summary import (
     COLUMNS,
     CYCLES,
     FIGURES,
+    PEAKS,
     SUMMARY,
     TIMES,
     counted,
@@ -43,6 +44,7 @@ from mocap.pipeline.job import MODELS, existing_model
 from mocap.pipeline.learning import Model, learn_from
 from mocap.pipeline.reading import of_session
 from mocap.pipeline.recording import Recording
+from mocap.results.cycle_table import CycleTable, stored_table
 from mocap.results.tracked import Tracked, load
 from mocap.schema import Entry, checked
 
@@ -92,9 +94,12 @@ class Batch:
         return table(self.records)
 
     @property
-    def cycles(self) -> pd.DataFrame:
-        """Wing beats, strides and waves of all trials: a row a cycle, with ``trial`` and ``animal``."""
-        return read_together(self.out / CYCLES)
+    def cycles(self) -> CycleTable:
+        """Wing beats, strides and waves of all trials: a row a cycle, with ``trial`` and ``animal``.
+
+        ``batch.cycles.peaks("elbow_flexion_deg")`` is the peak, trough, range and mean of a quantity in each.
+        """
+        return stored_table(read_together(self.out / CYCLES), partial(read_together, self.out / PEAKS))
 
     @property
     def angles(self) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from html import escape
 from importlib.resources import files
@@ -22,7 +22,7 @@ from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.output import result_file
 
 SUMMARY, PAGE, TIMES = "summary.csv", "summary.html", "times"
-CYCLES, ANGLES = "cycles.csv", "angles.csv"
+CYCLES, ANGLES, PEAKS = "cycles.csv", "angles.csv", "peaks.csv"
 """Of every trial, and of all trials together."""
 FIGURES = (
     "animal",
@@ -75,7 +75,7 @@ def _rows(records: Sequence[Record]) -> list[dict[str, object]]:
 
 
 def write_summary(records: Sequence[Record], out: Path) -> None:
-    """Write ``summary.csv`` and ``summary.html``, ``cycles.csv`` and ``angles.csv``, in place of our earlier ones.
+    """Write ``summary.csv``, ``summary.html``, ``cycles.csv``, ``angles.csv``, ``peaks.csv``, in place of earlier ones.
 
     All or none are written. The tables depend on the records alone, and on the tables of the trials; the page also
     shows the times that are in ``times*.csv``.
@@ -89,34 +89,42 @@ def write_summary(records: Sequence[Record], out: Path) -> None:
             writer.writerow(COLUMNS)
             writer.writerows([_cell(row.get(column)) for column in COLUMNS] for row in _rows(records))
         file.with_name(PAGE).write_text(page(records, read_times(out)), encoding="utf-8")
-        for name in (CYCLES, ANGLES):
+        for name in (CYCLES, ANGLES, PEAKS):
             _write_together(name, records, out, file.with_name(name))
 
 
 def _write_together(name: str, records: Sequence[Record], out: Path, path: Path) -> None:
     """One table of those of all trials that were tracked, with ``trial`` and ``animal`` in place of ``recording``."""
-    rows: list[dict[str, str]] = []
     titles: dict[str, None] = dict.fromkeys(("trial", "animal"))
-    for record in (record for record in records if record.status == "done"):
-        with suppress(OSError, UnicodeDecodeError, csv.Error):  # deleted since: that trial is tracked again
-            table = csv.DictReader((out / record.trial / name).read_text(encoding="utf-8").splitlines())
-            whose = {"trial": as_cell(record.trial), "animal": as_cell(str(record.row.get("animal", "")))}
-            titles |= dict.fromkeys(table.fieldnames or ())
-            rows += [row | whose for row in table]
+    for _, table in _tables(name, records, out):
+        titles |= dict.fromkeys(table.fieldnames or ())
     titles.pop("recording", None)
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.DictWriter(stream, list(titles), restval="", extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        for record, table in _tables(name, records, out):  # one at a time: a thousand do not fit into memory
+            whose = {"trial": as_cell(record.trial), "animal": as_cell(str(record.row.get("animal", "")))}
+            with suppress(csv.Error):
+                writer.writerows(row | whose for row in table)
+
+
+def _tables(name: str, records: Sequence[Record], out: Path) -> "Iterator[tuple[Record, csv.DictReader[str]]]":
+    """A table of each trial that was tracked; those deleted since are left out: these trials are tracked again."""
+    for record in (record for record in records if record.status == "done"):
+        with suppress(OSError, UnicodeDecodeError, csv.Error):
+            yield record, csv.DictReader((out / record.trial / name).read_text(encoding="utf-8").splitlines())
 
 
 def read_together(path: Path) -> pd.DataFrame:
-    """A table of a batch (``summary.csv``, ``cycles.csv``, ``angles.csv``), names as they are called.
+    """A table of a batch (``summary.csv``, ``cycles.csv``, ``angles.csv``, ``peaks.csv``), names as they are called.
 
     Raises:
         FormatError: there is none.
     """
-    names = ("trial", "status", "error", "animal", "kind", "of", "model", "warning", "version")
+    names = (
+        "trial", "status", "error", "animal", "kind", "of", "model", "warning", "version", "reason", "side", "quantity",
+        "statistic", "unit",
+    )  # fmt: skip
     try:
         data = regular_bytes(path)
         table = pd.read_csv(io.BytesIO(data), dtype=dict.fromkeys(names, str), keep_default_na=False, na_values=[""])

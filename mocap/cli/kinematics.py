@@ -47,7 +47,6 @@ def kinematics(
     import mocap
     from mocap.errors import MocapError
     from mocap.io.output import result_folder
-    from mocap.kinematics.cycles import why_none
     from mocap.results.exports import EXPORTS
     from mocap.skeleton import read_skeleton
 
@@ -68,8 +67,7 @@ def kinematics(
             say(f"{scale_osim.name}: {len(scaled)} bodies scaled: {factors}{rest}")
         if moments:
             result.write_moments(folder)
-    empty = [why_none(result.skeleton)] if result.cycles.empty else []
-    for note in (*empty, *result.kinematics.notes, *(result.moments.notes if moments else ())):
+    for note in (*result.why_no_cycles, *result.kinematics.notes, *(result.moments.notes if moments else ())):
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")
     for reason in refused:

@@ -82,7 +82,6 @@ def track(
     """
     import mocap
     from mocap.io.output import result_folder
-    from mocap.kinematics.cycles import why_none
     from mocap.pipeline.job import MODELS, existing_model
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
@@ -142,8 +141,9 @@ def track(
                         opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
                     )
                 result.write(folder, progress=tell)
-        cycles = result.skeleton.joints and not size and (out / "cycles.csv").exists()
-        also = [why_none(result.skeleton)] if cycles and result.cycles.empty else []
+        limbs = result.skeleton.joints or result.skeleton.measures.cyclic
+        cycles = limbs and not size and (out / "cycles.csv").exists()
+        also = result.why_no_cycles if cycles else []
         finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
         if watched is not None:
             watched[0].show(out / "recording.rrd", result.recording_id)

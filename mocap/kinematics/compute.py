@@ -22,7 +22,7 @@ from mocap.kinematics.delta import (
     with_rates,
 )
 from mocap.kinematics.points import BODY, MASS, rate_points_for
-from mocap.kinematics.records import Kinematics, Quantity
+from mocap.kinematics.records import Kinematics, Quantity, without_unknown_angles
 from mocap.kinematics.stroke import stroke_quantities
 from mocap.measures import AXES, SEQUENCE, JointAxes
 from mocap.sides import LEFT, RIGHT, TRUNK, side_of
@@ -52,13 +52,13 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
     for name in motion.names:
         if name not in (BODY, MASS):
             found += point_quantities(motion, name, kind="marker")
-    used, unique = set(), []
-    for one in found:
-        if one.name not in used:
-            used.add(one.name)
-            unique.append(one)
+    unique = list({one.name: one for one in reversed(found)}.values())[::-1]
+    known, unknown = without_unknown_angles(unique)
     return Kinematics(
-        recording=recording, t_s=motion.t_s, quantities=tuple(unique), notes=(*_notes(motion, skeleton), *notes)
+        recording=recording,
+        t_s=motion.t_s,
+        quantities=tuple(known),
+        notes=(*_notes(motion, skeleton), *notes, *unknown),
     )
 
 

@@ -1,5 +1,6 @@
 """Cycles of a motion: wing beats, strides, waves of an undulating body; and curves over the phase of a cycle."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
@@ -9,67 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from eal.arrays import Array, short_repr, true_runs
+from eal.arrays import Z95, Array, short_repr, true_runs
 from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
-from mocap.kinematics.records import Kinematics, Rests
+from mocap.kinematics.cycle_checks import checked, seen_samples
+from mocap.kinematics.records import COUNTED, Cycle, Kinematics
 from mocap.kinematics.stroke import analytic
 from mocap.measures import AXES
 from mocap.skeleton import Skeleton
+from mocap.text import number_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cycle:
-    """One cycle; a row of ``cycles.csv``. NaN where a quantity does not belong to its kind.
-
-    Attributes:
-        recording: Name of the recording.
-        kind: ``wing_beat``, ``stride`` or ``undulation``.
-        of: Limb, foot or body that it is of.
-        number: Count from 1.
-        start_s: Upper turning point of a wing, footfall, or phase 0 of the wave at the head.
-        start_sd_s: Its standard deviation: that of the rate over its slope (turning points).
-        end_s: The next of these.
-        duration_s: Between them.
-        frequency_hz: One over the duration.
-        frequency_sd_hz: Its standard deviation.
-        filled: Share of its frames that rest on filled samples.
-        amplitude_deg: Of a wing beat: from the upper to the lower turning point.
-        amplitude_sd_deg: Its standard deviation.
-        downstroke_fraction: Of a wing beat: share of the cycle from the upper to the lower turning point.
-        contact_s: Of a stride: time for which the foot stands.
-        duty_factor: That over the duration.
-        stride_length_m: Way of the body in the stride.
-        body_speed_m_s: That over the duration; for all kinds.
-        wavelength_m: Of a wave: along the body.
-        amplitude_m: Of a wave: half of the way from side to side, mean over the body.
-        phase_lag_deg: Of a wave: by which the last marker's phase is behind the first one's.
-    """
-
-    recording: str
-    kind: str
-    of: str
-    number: int
-    start_s: float
-    start_sd_s: float = np.nan
-    end_s: float
-    duration_s: float
-    frequency_hz: float
-    frequency_sd_hz: float = np.nan
-    filled: float
-    amplitude_deg: float = np.nan
-    amplitude_sd_deg: float = np.nan
-    downstroke_fraction: float = np.nan
-    contact_s: float = np.nan
-    duty_factor: float = np.nan
-    stride_length_m: float = np.nan
-    body_speed_m_s: float = np.nan
-    wavelength_m: float = np.nan
-    amplitude_m: float = np.nan
-    phase_lag_deg: float = np.nan
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,21 +48,64 @@ def cycles(found: Kinematics, motion: Motion, skeleton: Skeleton) -> list[Cycle]
     out: list[Cycle] = []
     for name in skeleton.measures.strokes:
         if f"{name}_stroke_deg" in found:
-            out += wing_beats(found, name)
+            out += wing_beats(found, name, motion, skeleton)
     steps = footfalls(motion, skeleton)
     if steps is not None:
-        out += strides(found, steps)
+        out += strides(found, steps, motion, skeleton)
     out += undulations(found, motion, skeleton)
-    return out
+    return checked(out, motion, skeleton)
 
 
-def why_none(skeleton: Skeleton) -> str:
-    """Why a table of cycles has no row."""
+def counted(rows: Sequence[Cycle]) -> list[Cycle]:
+    """The cycles that are not doubtful: those of means, figures and comparisons."""
+    return [row for row in rows if row.status == COUNTED]
+
+
+def why_none(skeleton: Skeleton, found: Kinematics, rows: Sequence[Cycle]) -> list[str]:
+    """Why a table of cycles has no row, or none that counts: a sentence for each cause, with what mends it."""
     measures = skeleton.measures
-    limbs = [*measures.strokes, *measures.feet, *(["the chain"] if measures.chain else [])]
-    if not limbs:
-        return "cycles.csv is empty: the skeleton names no strokes, feet or chain under [measures]"
-    return f"cycles.csv is empty: no whole cycle of {', '.join(limbs)} was seen"
+    if counted(rows):
+        return []
+    if rows:
+        reasons = Counter(row.reason.split(":")[0].split(" lies in a gap")[0] for row in rows)
+        most = reasons.most_common(1)[0][0]
+        return [
+            f"none of the {number_of(len(rows), 'cycle')} in cycles.csv counts: most often {most} (column `reason`)"
+        ]
+    if not measures.cyclic:
+        lines = 'strokes = { wing_l = ["SHOULDER", "TIP"] }, feet = ["FOOT"] or chain = ["HEAD", ..., "TAIL"]'
+        return [f"cycles.csv is empty: the skeleton names no limbs that move in cycles: add under [measures] {lines}"]
+    out = []
+    without_axes = [name for name in ("forward", "left") if getattr(measures, name) is None]
+    if measures.strokes and without_axes:
+        lines = {"forward": 'forward = ["PELVIS", "NECK"]', "left": 'left = ["SHOULDER_R", "SHOULDER_L"]'}
+        state = " and ".join(lines[name] for name in without_axes)
+        out.append(
+            f"strokes of {', '.join(measures.strokes)} are angles in axes of the trunk, which the skeleton does not "
+            f"state: add under [measures] {state}, with markers of yours"
+        )
+    else:
+        lacking = [name for name in measures.strokes if f"{name}_stroke_deg" not in found]
+        short = [name for name in measures.strokes if name not in lacking]
+        if lacking:
+            out.append(
+                f"{', '.join(lacking)} has no stroke angle: trunk, root and tip were not known together in four frames"
+            )
+        if short:
+            out.append(f"of {', '.join(short)} no two upper turning points were tracked: no whole beat was filmed")
+    if measures.feet:
+        out.append(f"no foot ({', '.join(measures.feet)}) set down twice: no whole stride was filmed, or none stands")
+    if measures.chain:
+        lost = [name for name in measures.chain if f"{name}_speed_m_s" not in found]
+        if len(measures.chain) - len(lost) < 4:
+            out.append("a wave needs a chain of four markers that the recording has")
+        else:
+            out.append("the whole chain was never tracked for one wave")
+    return [f"cycles.csv is empty: {sentence}" for sentence in out]
+
+
+SAME = 13
+"""Columns that cycles of every kind have, which come first."""
 
 
 def cycles_table(rows: Sequence[Cycle]) -> "pd.DataFrame":
@@ -119,7 +114,7 @@ def cycles_table(rows: Sequence[Cycle]) -> "pd.DataFrame":
 
     names = [f.name for f in fields(Cycle)]
     table = pd.DataFrame([asdict(row) for row in rows], columns=names)
-    return table.drop(columns=[c for c in names[11:] if not bool(table[c].notna().any())])
+    return table.drop(columns=[c for c in names[SAME:] if not bool(table[c].notna().any())])
 
 
 def _crossings(y: Array, *, falling: bool) -> NDArray[np.int64]:
@@ -148,14 +143,33 @@ def _cycle(found: Kinematics, kind: str, of: str, ends_s: tuple[float, float], *
     return Cycle(recording=found.recording, kind=kind, of=of, body_speed_m_s=speed, **own, **more)
 
 
-def wing_beats(found: Kinematics, name: str) -> list[Cycle]:
+def turning_sd(t_s: Array, rate: Array, sd: Array, frame: int) -> float:
+    """Standard deviation of the time at which a rate goes through zero after a frame, s; infinite: it may be anywhere.
+
+    A quarter of the width of the times at which the rate is within two of its own standard deviations of zero, over
+    1.02: where rate and deviation hardly change there it is the deviation over the slope, and it grows with the
+    deviation where the limb was hidden nearby.
+    """
+    sign = 1.0 if rate[frame] > rate[frame + 1] else -1.0
+    ends = []
+    for step, k in ((-1, frame), (1, frame + 1)):
+        out = -step * sign * rate - Z95 * sd  # above zero where the rate has left its interval on this side
+        while 0 <= k < len(rate) and out[k] <= 0:
+            k += step
+        if not 0 <= k < len(rate) or not np.isfinite(out[k]):
+            return np.inf
+        share = out[k] / (out[k] - out[k - step])
+        ends.append(float(t_s[k] + share * (t_s[k - step] - t_s[k])))
+    return (ends[1] - ends[0]) / (2 * Z95)
+
+
+def wing_beats(found: Kinematics, name: str, motion: Motion, skeleton: Skeleton) -> list[Cycle]:
     """Beats of a stroke from one upper turning point to the next: where its rate goes through zero.
 
     A turning point counts if the stroke moves by a quarter of its range (5th to 95th percentile) until the next; its
-    time has the standard deviation of the rate over its slope there.
+    time has the standard deviation of ``turning_sd``.
     """
-    stroke, rate = found[f"{name}_stroke_deg"], found[f"{name}_stroke_rate_deg_s"]
-    slope, t_s = found[f"{name}_stroke_acceleration_deg_s2"], found.t_s
+    stroke, rate, t_s = found[f"{name}_stroke_deg"], found[f"{name}_stroke_rate_deg_s"], found.t_s
     there = np.isfinite(stroke.value) & np.isfinite(rate.value)
     if there.sum() < 8:
         return []
@@ -171,12 +185,12 @@ def wing_beats(found: Kinematics, name: str) -> list[Cycle]:
         elif not points or abs(stroke.value[frame] - stroke.value[points[-1][0]]) >= least:
             points.append((frame, top))
     out: list[Cycle] = []
+    seen = seen_samples("wing_beat", name, motion, skeleton)
     upper = [i for i, (_, top) in enumerate(points) if top]
     for a, b in pairwise(upper):
         frames = [points[i][0] for i in (a, a + 1, b)]
         times = [_at(t_s, y, f) for f in frames]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            sd = [float(rate.sd[f] / abs(slope.value[f])) for f in frames]
+        sd = [turning_sd(t_s, rate.value, rate.sd, f) for f in frames]
         values = [float(np.interp(t, t_s[there], stroke.value[there])) for t in times]
         duration = times[2] - times[0]
         spread = float(np.hypot(sd[0], sd[2]))
@@ -189,8 +203,10 @@ def wing_beats(found: Kinematics, name: str) -> list[Cycle]:
                 (times[0], times[2]),
                 number=len(out) + 1,
                 start_sd_s=sd[0],
+                middle_sd_s=sd[1],
+                end_sd_s=sd[2],
                 frequency_sd_hz=spread / duration**2,
-                filled=float(np.mean(stroke.rests[inside] == Rests.FILLED)),
+                filled=float(np.mean(~seen[inside])),
                 amplitude_deg=values[0] - values[1],
                 amplitude_sd_deg=float(np.hypot(stroke.sd[frames[0]], stroke.sd[frames[1]])),
                 downstroke_fraction=(times[1] - times[0]) / duration,
@@ -269,13 +285,13 @@ def _above_rod(x: Array, still: NDArray[np.bool_]) -> Array:
     return distance - float(np.median(distance[still]))
 
 
-def strides(found: Kinematics, steps: Footfalls) -> list[Cycle]:
+def strides(found: Kinematics, steps: Footfalls, motion: Motion, skeleton: Skeleton) -> list[Cycle]:
     """Strides of each foot from one footfall to the next."""
     out: list[Cycle] = []
     t_s = steps.t_s
     for foot, name in enumerate(steps.feet):
         runs = [run for run in true_runs(steps.stance[:, foot]) if run[0] >= 3]  # it may have begun before them
-        rests = found[f"{name}_speed_m_s"].rests
+        seen = seen_samples("stride", name, motion, skeleton)
         for number, ((start, stop), (after, _)) in enumerate(pairwise(runs), start=1):
             begin, end = (float(t_s[f - 1] + t_s[f]) / 2 for f in (start, after))
             contact = float(t_s[stop - 1] + t_s[min(stop, len(t_s) - 1)]) / 2 - begin
@@ -289,8 +305,9 @@ def strides(found: Kinematics, steps: Footfalls) -> list[Cycle]:
                     (begin, end),
                     number=number,
                     start_sd_s=step / np.sqrt(12),
+                    end_sd_s=step / np.sqrt(12),
                     frequency_sd_hz=step / np.sqrt(6) / duration**2,
-                    filled=float(np.mean(rests[start:after] == Rests.FILLED)),
+                    filled=float(np.mean(~seen[start:after])),
                     contact_s=contact,
                     duty_factor=contact / duration,
                     stride_length_m=_way(found, begin, end),
@@ -326,8 +343,7 @@ def undulations(found: Kinematics, motion: Motion, skeleton: Skeleton) -> list[C
     head = np.angle(signal[:, 0])
     starts = np.flatnonzero((head[:-1] < 0) & (head[1:] >= 0) & (np.abs(np.diff(head)) < np.pi))
     out: list[Cycle] = []
-    names = [f"{name}_speed_m_s" for name in chain]
-    filled = np.any([found[name].rests[inside] == Rests.FILLED for name in names], axis=0)
+    filled = 1 - motion.measured[inside][:, [motion.index(name) for name in chain]].mean(axis=1)
     for a, b in pairwise(starts.tolist()):
         begin, end = _at(t_s, head, a), _at(t_s, head, b)
         lag = lags[a:b].mean(axis=0)

@@ -1,8 +1,8 @@
 """Quantities over time, each with its standard deviation and whether it rests on measured samples."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
@@ -85,6 +85,45 @@ class Quantity:
         ratio = self.value[near] / self.sd[near]
         end[near] = self.sd[near] * np.sqrt(chndtrix(share, 3, ratio**2))
         return end
+
+
+UNKNOWN_DEG = 180 / (2 * Z95)
+"""Standard deviation of an angle from which on it is unknown, degrees: its 95 % interval is then as wide as all that a
+joint, a stroke or a pitch can be. Of directions, which may be any of 360, twice as much."""
+_DIRECTIONS = ("_heading_deg", "_yaw_deg", "_phase_deg", "_rotation_deg")
+
+
+def without_unknown_angles(found: Sequence[Quantity]) -> tuple[list[Quantity], list[str]]:
+    """Quantities without the angles, and rates of them, in frames in which nothing is known of the angle.
+
+    Returns:
+        The quantities, missing there; a sentence for each angle of which something was left out.
+    """
+    holes: dict[str, NDArray[np.bool_]] = {}
+    for one in found:
+        if one.unit == "deg":
+            most = UNKNOWN_DEG * (2 if one.name.endswith(_DIRECTIONS) else 1)
+            hole = one.sd > most
+            if hole.any():
+                holes[one.name.removesuffix("_deg")] = hole
+    notes = [
+        f"{name}_deg is unknown in {int(hole.sum())} frames, and empty there: its 95 % interval is as wide as all that "
+        "it can be"
+        for name, hole in holes.items()
+    ]
+    out = []
+    for one in found:
+        stem = one.name.removesuffix(f"_{one.unit}").removesuffix("_rate").removesuffix("_acceleration")
+        hole = holes.get(stem) if one.unit.startswith("deg") else None
+        if hole is not None:
+            one = replace(
+                one,
+                value=np.where(hole, np.nan, one.value),
+                sd=np.where(hole, np.nan, one.sd),
+                rests=np.where(hole, Rests.MISSING, one.rests),
+            )
+        out.append(one)
+    return out, notes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,3 +229,67 @@ class Kinematics(Mapping[str, Quantity]):
             },
             attrs={"source_software": "eal-mocap", "recording": self.recording, "notes": "\n".join(self.notes)},
         )
+
+
+COUNTED, DOUBTFUL = "counted", "doubtful"
+"""Whether a cycle is part of means, figures and comparisons (``mocap.kinematics.cycle_checks``)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cycle:
+    """One cycle; a row of ``cycles.csv``. NaN where a quantity does not belong to its kind.
+
+    Attributes:
+        recording: Name of the recording.
+        kind: ``wing_beat``, ``stride`` or ``undulation``.
+        of: Limb, foot or body that it is of.
+        number: Count from 1.
+        start_s: Upper turning point of a wing, footfall, or phase 0 of the wave at the head.
+        start_sd_s: Its standard deviation (``turning_sd``).
+        middle_sd_s: That of a wing's lower turning point.
+        end_s: The next of these.
+        end_sd_s: Its standard deviation.
+        duration_s: Between them.
+        frequency_hz: One over the duration.
+        frequency_sd_hz: Its standard deviation.
+        filled: Share of its frames in which a marker that says when the limb turns was filled: root or tip of a wing,
+            the foot; of a wave the share of filled samples of the chain.
+        status: ``counted``, or ``doubtful``: kept, and left out of means, figures and comparisons.
+        reason: Why it is doubtful.
+        amplitude_deg: Of a wing beat: from the upper to the lower turning point.
+        amplitude_sd_deg: Its standard deviation.
+        downstroke_fraction: Of a wing beat: share of the cycle from the upper to the lower turning point.
+        contact_s: Of a stride: time for which the foot stands.
+        duty_factor: That over the duration.
+        stride_length_m: Way of the body in the stride.
+        body_speed_m_s: That over the duration; for all kinds.
+        wavelength_m: Of a wave: along the body.
+        amplitude_m: Of a wave: half of the way from side to side, mean over the body.
+        phase_lag_deg: Of a wave: by which the last marker's phase is behind the first one's.
+    """
+
+    recording: str
+    kind: str
+    of: str
+    number: int
+    start_s: float
+    start_sd_s: float = np.nan
+    end_s: float
+    duration_s: float
+    frequency_hz: float
+    frequency_sd_hz: float = np.nan
+    filled: float
+    status: str = COUNTED
+    reason: str = ""
+    middle_sd_s: float = np.nan
+    end_sd_s: float = np.nan
+    amplitude_deg: float = np.nan
+    amplitude_sd_deg: float = np.nan
+    downstroke_fraction: float = np.nan
+    contact_s: float = np.nan
+    duty_factor: float = np.nan
+    stride_length_m: float = np.nan
+    body_speed_m_s: float = np.nan
+    wavelength_m: float = np.nan
+    amplitude_m: float = np.nan
+    phase_lag_deg: float = np.nan

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from eal.arrays import Z95
-from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
+from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, counted, ensemble
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.recording import Recording
 from mocap.plots import kinematics as plots
@@ -62,7 +62,7 @@ def pictures(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Fo
             figure=pairs[0][0].figure,
         )
     for kind, of in (("wing_beat", "wing beat"), ("stride", "stride")):
-        some = [row for row in rows if row.kind == kind]
+        some = [row for row in counted(rows) if row.kind == kind]
         if not some:
             continue
         limbs = [limb for limb in dict.fromkeys(row.of for row in some) if len(joints)][:2]
@@ -96,7 +96,7 @@ def pictures(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Fo
             yield Picture(
                 name="stroke_plane",
                 caption=f"Path of the {words(name)} in and out of its stroke plane, in axes of the trunk.",
-                figure=plots.plot_stroke_path(found, name, [row for row in rows if row.of == name]).figure,
+                figure=plots.plot_stroke_path(found, name, [row for row in counted(rows) if row.of == name]).figure,
             )
     markers = run.tracks
     yield Picture(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mocap.errors import MocapError
-from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
+from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, counted, ensemble
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.recording import Recording
 from mocap.plots import kinematics as plots
@@ -62,12 +62,15 @@ class Plots:
         return shown(ax, plots.plot_over_time(self.kinematics, quantities, ax=ax))
 
     def curves(self, quantity: str, *, of: str) -> Ensemble:
-        """A quantity over the phase of the cycles of a limb or foot: mean, interval, each cycle.
+        """A quantity over the phase of the cycles of a limb or foot that are not doubtful: mean, interval, each cycle.
 
         Raises:
             MocapError: there is no such quantity, or no cycles of that.
         """
-        rows = [row for row in self.rows if row.of == of]
+        own = [row for row in self.rows if row.of == of]
+        rows = counted(own)
+        if own and not rows:
+            raise MocapError(f"all {len(own)} cycles of {of!r} are doubtful: `cycles` says why, in the column `reason`")
         if not rows:
             parts = ", ".join(dict.fromkeys(row.of for row in self.rows)) or "none"
             raise MocapError(f"there are no cycles of {of!r}: there are {parts}; state strokes or feet in the skeleton")
@@ -100,7 +103,7 @@ class Plots:
         Raises:
             MocapError: there is no such stroke.
         """
-        rows = [row for row in self.rows if row.of == name]
+        rows = [row for row in counted(self.rows) if row.of == name]
         return shown(ax, plots.plot_stroke_path(self.kinematics, name, rows, ax=ax))
 
     def animal(self) -> "Figure":

@@ -10,7 +10,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from mocap.kinematics.cycles import Cycle, Footfalls, cycles_table
+from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table
+from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.pipeline.reading import in_options
 from mocap.pipeline.recording import Recording
@@ -23,6 +24,8 @@ from mocap.sides import words
 
 _MEANT = {"body_speed_m_s": "net body speed"}
 """Columns of the table of cycles whose names leave open what they are."""
+_NOT_SHOWN = ("recording", "kind", "of", "number", "start_s", "end_s", "filled", "status", "reason")
+"""Columns of which a mean says nothing."""
 
 
 def write_page(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None, folder: Path) -> None:
@@ -105,10 +108,10 @@ def _numbers(run: Recording, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
             out.append((f"{error.z:.2f}", f"errors in gaps over stated sd: intervals are too {error.wrong_by}"))
     if report.get("length_m"):
         out.append((length_text(report["length_m"]), "length of the animal"))
-    rates = [row.frequency_hz for row in rows]
-    if rates:
-        kind = rows[0].kind.replace("_", " ")
-        out.append((f"{np.mean(rates):.2f} Hz", f"{kind} frequency (SD {np.std(rates):.2f})"))
+    for one in frequencies(rows)[:1]:
+        kind, half = one.kind.replace("_", " "), one.high_hz - one.value_hz
+        of = f"{one.n_cycles} cycles" + (f", {one.n_doubtful} doubtful ones left out" if one.n_doubtful else "")
+        out.append((f"{one.value_hz:.2f} ± {half:.2g} Hz", f"{kind} frequency, 95 % interval ({of})"))
     return out
 
 
@@ -133,11 +136,12 @@ def _titled(column: str) -> tuple[str, str]:
 
 
 def _cycles(rows: Sequence[Cycle]) -> dict[str, Any] | None:
-    """Mean and standard deviation over the cycles of each limb; None: there are none."""
+    """Mean and standard deviation over the cycles of each limb that are not doubtful; None: there are none."""
+    rows = counted(rows)
     if not rows:
         return None
-    table = cycles_table(rows).drop(columns=["recording", "number", "start_s", "end_s", "start_sd_s", "filled"])
-    columns = [c for c in table.columns if c not in ("kind", "of") and "_sd_" not in c]
+    table = cycles_table(rows)
+    columns = [c for c in table.columns if c not in _NOT_SHOWN and "_sd_" not in c]
     lines = []
     for kind, of in dict.fromkeys(zip(table["kind"], table["of"], strict=True)):
         some = table[(table["kind"] == kind) & (table["of"] == of)]

@@ -1,6 +1,7 @@
 """Results of long recordings, written block by block as Parquet, and read back by range."""
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -32,8 +33,8 @@ class BlockWriter:
 
     ``markers.parquet`` is mocap's long table (a row a frame and marker: ``frame, t_s, marker, x_m, y_m, z_m, sd_m,
     origin``) with ``cov_xx_m2``, ... in single precision; ``kinematics.parquet`` has a row a frame and for each
-    quantity its value, ``_sd`` and ``_status``; ``cycles.csv`` and ``angles.csv`` a row a cycle; ``blocks.csv`` a row a
-    block. Positions are float64, standard deviations and covariances float32.
+    quantity its value, ``_sd`` and ``_status``; ``cycles.csv`` and ``angles.csv`` a row a cycle, ``peaks.csv`` several;
+    ``blocks.csv`` a row a block. Positions are float64, standard deviations and covariances float32.
     """
 
     def __init__(self, folder: Path, *, fps: float) -> None:
@@ -43,6 +44,7 @@ class BlockWriter:
         self._open: dict[str, parquet.ParquetWriter] = {}
         self._quantities: list[str] = []
         self._cycles: dict[str, list[pd.DataFrame]] = {}
+        self._numbers: Counter[tuple[str, str]] = Counter()
         self._blocks: list[dict[str, float]] = []
 
     def __enter__(self) -> "BlockWriter":
@@ -59,9 +61,9 @@ class BlockWriter:
             order = [f.name for f in fields(Cycle)]
             for name, tables in self._cycles.items():
                 whole = pd.concat([table for table in tables if len(table)] or tables[:1], ignore_index=True)
-                titles = sorted(whole.columns, key=lambda title: order.index(title) if title in order else len(order))
-                whole["number"] = whole.groupby(["kind", "of"]).cumcount() + 1
-                write_table(whole.reindex(columns=titles), self._folder / name)
+                if name == "cycles.csv":
+                    whole = whole.reindex(columns=sorted(whole.columns, key=order.index))
+                write_table(whole, self._folder / name)
             write_table(pd.DataFrame(self._blocks), self._folder / BLOCKS)
 
     def add(self, core: range, run: Recording, whole: Kinematics, own: slice, cycles: Sequence[Cycle]) -> None:
@@ -77,7 +79,11 @@ class BlockWriter:
         frames, markers = np.arange(core.start + 1, core.stop + 1), run.tracks
         self._write(MARKERS, _marker_table(frames, markers, run.repaired))
         self._write(KINEMATICS, self._kinematics_table(frames, at_frames(whole, own)))
-        for name, table in cycle_tables(whole, cycles).items():
+        numbered = []
+        for row in cycles:
+            self._numbers[row.kind, row.of] += 1
+            numbered.append(replace(row, number=self._numbers[row.kind, row.of]))
+        for name, table in cycle_tables(whole, numbered).items():
             self._cycles.setdefault(name, []).append(table)
         sd = markers.sd_m[markers.status == Status.MEASURED]
         self._blocks.append(

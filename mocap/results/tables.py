@@ -15,6 +15,7 @@ from mocap.io.netcdf import as_netcdf
 from mocap.io.tables import origin_words
 from mocap.joints import FRAMES
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
+from mocap.kinematics.extremes import cycle_statistics
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.reading import in_options
@@ -124,8 +125,15 @@ def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics
 
 
 def cycle_tables(found: Kinematics, rows: Sequence[Cycle]) -> "dict[str, pd.DataFrame]":
-    """``cycles.csv`` and ``angles.csv``: a row a cycle, as mixed models are fed (``mocap.kinematics.cycles``)."""
-    return {"cycles.csv": cycles_table(rows), "angles.csv": mean_angles(found, rows)}
+    """``cycles.csv`` and ``angles.csv``: a row a cycle, as mixed models are fed (``mocap.kinematics.cycles``).
+
+    ``peaks.csv``: a row for each cycle, quantity and statistic (``mocap.kinematics.extremes``).
+    """
+    return {
+        "cycles.csv": cycles_table(rows),
+        "angles.csv": mean_angles(found, rows),
+        "peaks.csv": cycle_statistics(found, rows),
+    }
 
 
 def write_cycles(found: Kinematics, rows: Sequence[Cycle], folder: Path) -> None:

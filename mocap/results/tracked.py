@@ -18,7 +18,8 @@ from mocap.filters.velocities import with_means
 from mocap.io.movies import Movie, open_movies
 from mocap.io.output import result_file, result_folder
 from mocap.joints import FRAMES
-from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
+from mocap.kinematics.cycles import Cycle, Footfalls, cycles, footfalls, why_none
+from mocap.kinematics.frequency import Frequency, frequencies
 from mocap.kinematics.moments import moments
 from mocap.kinematics.records import Kinematics
 from mocap.measures import JointAxes
@@ -32,6 +33,7 @@ from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
 from mocap.records import Status
 from mocap.results.blocks import is_long, load_range
+from mocap.results.cycle_table import CycleTable, cycle_table
 from mocap.results.exports import EXPORTS, TABLES, write_axes
 from mocap.results.stored import markers_dataset, plane_dataset, read_recording
 from mocap.results.tables import write_cycles, write_kinematics, write_plane, write_run
@@ -298,9 +300,22 @@ class Tracked(Recording):
         return cycles(self.kinematics, self.motion, self.skeleton)
 
     @property
-    def cycles(self) -> pd.DataFrame:
-        """Wing beats, strides and waves: a row a cycle, as ``cycles.csv`` has them."""
-        return cycles_table(self._cycles)
+    def cycles(self) -> CycleTable:
+        """Wing beats, strides and waves: a row a cycle, as ``cycles.csv`` has them.
+
+        ``res.cycles.peaks("elbow_flexion_deg")`` is the peak, the trough, the range and the mean of a quantity in each.
+        """
+        return cycle_table(self._cycles, self.kinematics)
+
+    @property
+    def why_no_cycles(self) -> list[str]:
+        """Why no cycle was found or can be believed: a sentence for each cause, with what mends it; else empty."""
+        return why_none(self.skeleton, self.kinematics, self._cycles)
+
+    @property
+    def frequencies(self) -> list[Frequency]:
+        """The mean frequency of each kind of cycle, with its interval, of the phase of all limbs together."""
+        return frequencies(self._cycles)
 
     @property
     def plot(self) -> "Plots":

@@ -156,7 +156,7 @@ def test_a_table_of_cycles_is_tidy(bat):
     assert set(table["kind"]) == {"wing_beat"}
     assert "duty_factor" not in table
     assert {"frequency_hz", "amplitude_deg", "recording", "of"} <= set(table)
-    assert len(cycles_table([]).columns) == 11
+    assert len(cycles_table([]).columns) == 13
 
 
 def test_means_over_cycles_are_those_of_the_angle(bat):

@@ -64,11 +64,18 @@ class Found(dict):
             self[name] = SimpleNamespace(value=value, sd=np.full(len(t_s), 1e-3), rests=rests)
 
 
+def measured(names, n_frames):
+    """A motion of which all samples were measured, and its skeleton."""
+    names = list(names)
+    motion = SimpleNamespace(names=names, index=names.index, measured=np.ones((n_frames, len(names)), dtype=bool))
+    return motion, SimpleNamespace(measures=SimpleNamespace(strokes={"w": ("a", "b")}, chain=(), up="z"))
+
+
 def beats(stroke, rate):
     """Beats of a stroke, at 100 frames a second."""
     rate = np.array(rate, dtype=float)
     values = {"w_stroke_deg": np.array(stroke, dtype=float), "w_stroke_rate_deg_s": rate}
-    return cycles.wing_beats(Found(np.arange(len(rate)) / 100, **values, w_stroke_acceleration_deg_s2=rate), "w")
+    return cycles.wing_beats(Found(np.arange(len(rate)) / 100, **values), "w", *measured("ab", len(rate)))
 
 
 @pytest.mark.parametrize(("share", "n"), [(0.2, 2), (0.29, 3)])
@@ -153,7 +160,7 @@ def test_a_contact_from_the_third_frame_on_may_have_begun_before(start, n):
         stance[first : first + 5] = True
     t_s = np.arange(40) / 100
     steps = cycles.Footfalls(feet=("f",), t_s=t_s, stance=stance, height_m=np.zeros((40, 1)))
-    assert len(cycles.strides(Found(t_s, f_speed_m_s=np.zeros(40)), steps)) == n
+    assert len(cycles.strides(Found(t_s), steps, *measured("f", 40))) == n
 
 
 @pytest.mark.parametrize(("markers", "frames", "waves"), [(3, 60, False), (4, 60, True), (4, 15, False), (4, 17, True)])
@@ -163,10 +170,9 @@ def test_a_wave_is_seen_by_four_markers_in_sixteen_frames(markers, frames, waves
     xyz = np.zeros((frames, markers, 3))
     xyz[..., 0] = -np.arange(markers)
     xyz[..., 1] = 0.1 * np.sin(2 * np.pi * (t[:, None] / 8 - np.arange(markers) / 8))
-    motion = SimpleNamespace(names=names, index=names.index, xyz_m=xyz, t_s=t / 100)
-    found = Found(t / 100, **{f"{name}_speed_m_s": np.zeros(frames) for name in names})
-    skeleton = SimpleNamespace(measures=SimpleNamespace(chain=names, up="z"))
-    assert bool(cycles.undulations(found, motion, skeleton)) == waves
+    motion, skeleton = measured(names, frames)
+    motion.xyz_m, motion.t_s, skeleton.measures.chain = xyz, t / 100, names
+    assert bool(cycles.undulations(Found(t / 100), motion, skeleton)) == waves
 
 
 @pytest.mark.parametrize(("frames", "known"), [(3, False), (4, True)])

@@ -6,6 +6,8 @@ class MocapError(Exception):
 
     Attributes:
         page: The page of ``docs/`` that says more; None: the command line names that of the command.
+        mends: Arguments by which it can be mended, where there is no doubt.
     """
 
     page: str | None = None
+    mends: tuple[str, ...] = ()

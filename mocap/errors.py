@@ -68,3 +68,11 @@ def beside(path: Path) -> str:
 
 class NoRateError(MocapError):
     """The frame rate is in no file, and not stated."""
+
+    mends = ("fps",)
+
+
+class NoUnitError(FormatError):
+    """No unit of lengths is stated, and none makes it an animal."""
+
+    mends = ("unit",)

@@ -2,10 +2,104 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from enum import IntEnum, StrEnum
 from functools import partial
 from typing import Any
 
 from mocap.text import number_of
+
+
+class Harm(IntEnum):
+    """What an alarm of a kind says of the results; the order in which people read them."""
+
+    NOTHING = 0  # a decision, or a count
+    INTERVALS = 1  # intervals, or what is left unused
+    SAMPLES = 2  # some samples, markers or frames
+    ALL = 3  # all results
+
+
+class Kind(StrEnum):
+    """What a finding is about; its value are the words that files keep.
+
+    Attributes:
+        harm: What is wrong where it is an alarm.
+        mends: Arguments of ``mocap.read`` (or of ``mocap.track``) by which its user can mend it.
+    """
+
+    harm: Harm
+    mends: tuple[str, ...]
+
+    def __new__(cls, words: str, harm: Harm = Harm.NOTHING, *mends: str) -> "Kind":
+        """A kind by its words."""
+        one = str.__new__(cls, words)
+        one._value_, one.harm, one.mends = words, harm, mends
+        return one
+
+    # how files were read
+    READING = "reading"
+    ASSUMED_UNIT = "assumed unit", Harm.ALL, "unit"
+    UNITS = "units", Harm.ALL, "unit"
+    FRAME_RATE = "frame rate", Harm.ALL, "fps"
+    REFUSED = "refused", Harm.ALL
+    PIXEL_ORIGIN = "pixel origin", Harm.ALL, "origin"
+    PLANE = "plane"
+    MEASURES_IN_A_PLANE = "measures in a plane"
+    # cameras and their pixels
+    SWAPPED_CAMERAS = "swapped cameras", Harm.ALL, "tracks"
+    MIRRORED_PIXELS = "mirrored pixels", Harm.ALL
+    SHIFTED_PIXELS = "shifted pixels", Harm.ALL
+    MIRRORED_WORLD = "mirrored world", Harm.ALL
+    MIRRORED_CAMERA = "mirrored camera", Harm.ALL
+    COPIED_CAMERAS = "copied cameras", Harm.ALL
+    COPIED_PIXELS = "copied pixels", Harm.ALL
+    FOREIGN_CAMERA = "foreign camera", Harm.ALL
+    FOREIGN_CALIBRATION = "foreign calibration", Harm.ALL
+    LARGE_RESIDUAL = "large residual", Harm.ALL
+    UNEVEN_CAMERAS = "uneven cameras", Harm.ALL
+    DISTORTION = "distortion", Harm.ALL, "profile", "fit_lens"
+    LENS = "lens", Harm.ALL, "profile", "fit_lens"
+    CAMERA_OFFSETS = "camera offsets", Harm.ALL, "correct_lag"
+    CAMERA_OFFSET = "camera offset"
+    BAD_CAMERA = "bad camera", Harm.SAMPLES
+    # stored points
+    STORED_POINTS = "stored points"
+    STALE_POINTS = "stale points", Harm.SAMPLES
+    ANOTHER_WORLD = "another world", Harm.SAMPLES
+    WRONG_COLUMNS = "wrong columns", Harm.SAMPLES
+    TIME_SHIFT = "time shift", Harm.SAMPLES
+    ONE_V_ROW = "one v row", Harm.SAMPLES
+    # markers and samples
+    JUMP = "jump", Harm.SAMPLES
+    REPEATED_FRAMES = "repeated frames", Harm.SAMPLES
+    BY_HAND = "corrections by hand", Harm.SAMPLES
+    NEVER_SEEN = "never seen", Harm.SAMPLES
+    NEVER_TOGETHER = "never together", Harm.ALL
+    IDENTITY_SWITCH = "identity switch"
+    SHORT_SWITCHES = "short identity switches"
+    AMBIGUOUS_CLICKS = "ambiguous clicks"
+    REJECTED_RAYS_MISS = "rejected: rays_miss"
+    REJECTED_LIKELIHOOD = "rejected: likelihood"
+    REJECTED_JUMP = "rejected: jump"
+    REJECTED_DUPLICATE = "rejected: duplicate"
+    REJECTED_BONE_LENGTH = "rejected: bone_length"
+    REJECTED_CONTRADICTED = "rejected: contradicted"
+    REJECTED_DOUBTFUL_NAME = "rejected: doubtful_name"
+    REJECTED_RAYS = "rejected: rays"
+    # noise and intervals
+    QUANTISED_PIXELS = "quantised pixels", Harm.INTERVALS
+    PIXEL_NOISE = "pixel noise", Harm.INTERVALS, "pixel_sd"
+    INTERVALS = "intervals", Harm.INTERVALS
+    SLOW_ERRORS = "slow errors"
+    POSITION_NOISE = "position noise"
+    LIKELIHOODS = "likelihoods"
+    # models
+    JOINTS = "joints", Harm.INTERVALS, "skeleton"
+    ONE_CAMERA = "one camera"
+    MIRROR_IMAGE = "mirror image"
+    UNLIKE_POSES = "unlike poses"
+    WIDER_INTERVALS = "wider intervals"
+    ONE_TRIAL = "one trial"
+    BONES_NOT_KEPT = "bones not kept"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,22 +107,35 @@ class Finding:
     """The result of one check, or a decision.
 
     Attributes:
-        kind: What was checked, in one or two words, the same for every recording.
+        kind: What was checked.
         text: One sentence: what was found, what that means, what to do.
         alarm: Whether something is wrong; otherwise a decision is stated, with the evidence for it.
         numbers: The evidence, by name, with units in the names.
         cameras: Cameras concerned.
         markers: Markers concerned.
         frames: Rows concerned, from 1; of many only the first.
+        mends: Arguments by which its user can mend it; None: of an alarm those of its kind, else none.
     """
 
-    kind: str
+    kind: Kind
     text: str
     alarm: bool = False
     numbers: Mapping[str, float] = field(default_factory=dict)
     cameras: tuple[str, ...] = ()
     markers: tuple[str, ...] = ()
     frames: tuple[int, ...] = ()
+    mends: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Look its kind up, also by its words, and what mends it."""
+        object.__setattr__(self, "kind", Kind(self.kind))
+        if self.mends is None:
+            object.__setattr__(self, "mends", self.kind.mends if self.alarm else ())
+
+    @property
+    def asks(self) -> bool:
+        """Whether somebody is to do something: it is an alarm, or leaves open what its user can state."""
+        return self.alarm or bool(self.mends)
 
     def __str__(self) -> str:
         """The sentence."""
@@ -36,7 +143,7 @@ class Finding:
 
     def as_json(self) -> dict[str, Any]:
         """For reports."""
-        return {**asdict(self), "numbers": dict(self.numbers)}
+        return {**asdict(self), "kind": self.kind.value, "numbers": dict(self.numbers)}
 
 
 alarm = partial(Finding, alarm=True)
@@ -47,13 +154,19 @@ MOST = 20
 
 
 def alarms(findings: Iterable[Finding]) -> list[Finding]:
-    """Those that say that something is wrong."""
-    return [f for f in findings if f.alarm]
+    """Those that say that something is wrong, worst first."""
+    return sorted((f for f in findings if f.alarm), key=lambda f: -f.kind.harm)
+
+
+def worst_first(findings: Iterable[Finding]) -> list[Finding]:
+    """Alarms, worst first, and then the rest in their order."""
+    found = list(findings)
+    return [*alarms(found), *(f for f in found if not f.alarm)]
 
 
 def readings(texts: Iterable[str], *, where: str = "") -> tuple[Finding, ...]:
     """How a file (``where``) was read where it leaves that open, by the sentences of its reader."""
-    return tuple(Finding(kind="reading", text=f"{where}: {text}" if where else text) for text in texts)
+    return tuple(Finding(kind=Kind.READING, text=f"{where}: {text}" if where else text) for text in texts)
 
 
 def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:

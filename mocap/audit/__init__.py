@@ -4,26 +4,33 @@ Pixels with their cameras, or positions, come in; files only where ``inspect`` t
 camera offsets go out: nothing is corrected here. It touches no file but those to be inspected.
 """
 
-from mocap.audit.audit import audit_filmed, audit_recording
-from mocap.audit.geometry import fit_findings
+from mocap.audit.audit import Audit, audit_filmed, audit_recording, audited, origin_finding
+from mocap.audit.geometry import HiddenLens, fit_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras, moved, start_offsets
-from mocap.audit.samples import jump_findings, pixel_findings, point_findings
+from mocap.audit.samples import Jump, jump_findings, jumps, of_jumps, pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, other_world, stale_points
 from mocap.findings import Finding, alarms
 
 __all__ = [
+    "Audit",
     "Finding",
+    "HiddenLens",
+    "Jump",
     "Offsets",
     "StalePoint",
     "alarms",
     "audit_filmed",
     "audit_recording",
+    "audited",
     "estimate_offsets",
     "fit_findings",
     "in_step",
     "jump_findings",
+    "jumps",
     "late_cameras",
     "moved",
+    "of_jumps",
+    "origin_finding",
     "other_world",
     "pixel_findings",
     "point_findings",

@@ -1,23 +1,57 @@
 """The whole audit of a recording."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
+from mocap.audit.geometry import (
+    HiddenLens,
+    applied_lens,
+    camera_findings,
+    far_apart,
+    fit_findings,
+    foreign,
+    hidden_lens,
+)
 from mocap.audit.offsets import offset_findings
-from mocap.audit.samples import jump_findings, pixel_findings, point_findings, sizes
+from mocap.audit.samples import Jump, jump_findings, jumps, of_jumps, pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.origin import PixelOptions, PixelOrigin, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
-from mocap.findings import Finding, alarm, alarms
+from mocap.findings import Finding, Kind, alarm, alarms, worst_first
 from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelTracks
+
+
+@dataclass(frozen=True, kw_only=True)
+class Audit:
+    """What checks of pixels and cameras find, as numbers and in words.
+
+    Attributes:
+        jumps: Markers that jump.
+        lens: Distortion that no file states; None: there is none, or cameras do not fit at all.
+        findings: All that was found, alarms first.
+    """
+
+    jumps: tuple[Jump, ...]
+    lens: HiddenLens | None
+    findings: tuple[Finding, ...]
+
+
+def origin_finding(decision: PixelOrigin) -> Finding:
+    """Where pixel rows are counted from; an alarm where that was found from their residual, and could be stated."""
+    return Finding(
+        kind=Kind.PIXEL_ORIGIN,
+        alarm=decision.guessed,
+        text=decision.describe(),
+        numbers={"residual_px": decision.residual_px}
+        | ({"next_px": decision.next_px} if decision.next_px < float("inf") else {}),
+    )
 
 
 def audit_filmed(
@@ -29,8 +63,27 @@ def audit_filmed(
     stored: MarkerTracks | None = None,
     stored_px: Array | None = None,
     timed: bool = True,
+    sized: bool = True,
     first: int = 0,
 ) -> list[Finding]:
+    """The findings of ``audited``."""
+    how = {"stored": stored, "stored_px": stored_px, "timed": timed, "sized": sized, "first": first}
+    return [*audited(cameras, pixels, ideal_px, decision, **how).findings]  # type: ignore[arg-type]
+
+
+def audited(
+    cameras: Sequence[Camera],
+    pixels: PixelTracks,
+    ideal_px: Array,
+    decision: PixelOrigin,
+    *,
+    stored: MarkerTracks | None = None,
+    stored_px: Array | None = None,
+    timed: bool = True,
+    sized: bool = True,
+    lens_known: bool = False,
+    first: int = 0,
+) -> Audit:
     """All checks of pixels, cameras and stored points against each other, and of the pixels alone.
 
     Args:
@@ -41,42 +94,37 @@ def audit_filmed(
         stored: Points that were stored with them; None: there are none.
         stored_px: Ideal pixels as the program that stored the points made them; None: ``ideal_px``.
         timed: Whether the frame rate is known.
+        sized: Whether the unit of lengths is known.
+        lens_known: Whether lenses were estimated from these pixels: no other is looked for.
         first: Frames of the recording before these.
-
-    Returns:
-        Findings, alarms first.
     """
-    found = pixel_findings(pixels)
-    found.append(
-        Finding(
-            kind="pixel origin",
-            alarm=decision.guessed,
-            text=decision.describe(),
-            numbers={"residual_px": decision.residual_px}
-            | ({"next_px": decision.next_px} if decision.next_px < float("inf") else {}),
-        )
-    )
+    found = [*pixel_findings(pixels), origin_finding(decision)]
     certain = decision.stated or decision.matters
     found += camera_findings(cameras, y_up=decision.coefficients == "lower-left" if certain else None)
     late = offset_findings(cameras, ideal_px)
     explained = [f for f in late if f.alarm and 3 * f.numbers["after_px"] < f.numbers["before_px"]]
-    foreign = [] if explained else fit_findings(cameras, ideal_px)
-    if any(f.kind != "large residual" for f in foreign):
-        found += foreign
+    alien = [] if explained else foreign(cameras, ideal_px)
+    hidden = None
+    if alien:
+        found += alien
     else:
-        lenses = lens_findings(cameras, pixels.uv_px, decision)
-        found += [*late, *lenses, *([] if alarms(lenses) else foreign)]
+        bare = all(camera.lens is None for camera in cameras)
+        hidden = hidden_lens(cameras, pixels.uv_px, decision) if bare and not lens_known else None
+        lenses = [] if bare else applied_lens(cameras, pixels.uv_px, decision)
+        lenses += [] if hidden is None else [hidden.finding()]
+        found += [*late, *lenses, *([] if explained or alarms(lenses) else far_apart(cameras, ideal_px))]
     matrices = stacked(cameras)
     xyz = linear(matrices, ideal_px)
     # points whose rays meet about as those of most points do; NaN else
     miss = residual_px(matrices, ideal_px, xyz)
     usual = np.nanmedian(miss) if np.isfinite(miss).any() else np.nan
     believed = np.where((miss <= 5 * usual)[..., None], xyz, np.nan)
-    found += [*sizes(xyz), *jump_findings(believed, pixels.t_s, pixels.names, timed=timed, first=first)]
+    jumped = jumps(believed, pixels.t_s)
+    found += [*(sizes(xyz) if sized else []), *of_jumps(jumped, pixels.names, timed=timed, first=first)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
         solved = ideal_px if stored_px is None else stored_px
         found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
-    return sorted(found, key=lambda f: not f.alarm)
+    return Audit(jumps=jumped, lens=hidden, findings=tuple(worst_first(found)))
 
 
 def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:
@@ -98,9 +146,9 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
         found = [] if pixels is None else pixel_findings(pixels)
         found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)
         if points is not None:
-            found += [f for f in point_findings(points) if recording.unit is not None or f.kind != "units"]
+            found += point_findings(points, sized=recording.unit is not None)
             found += jump_findings(points.xyz_m, points.t_s, points.names, timed=recording.fps is not None)
-        return sorted(found, key=lambda f: not f.alarm)
+        return worst_first(found)
     try:
         decision = decide_origin(cameras, pixels.uv_px, replace(options, usual=recording.pixel_origin))
     except ArrangementError as error:
@@ -109,14 +157,13 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
         named = alarm(kind=arrangement.kind, text=str(error), numbers=numbers, cameras=arrangement.cameras)
         return [named, *pixel_findings(pixels), *camera_findings(cameras, y_up=None)]
     except CalibrationError as error:
-        question = alarm(kind="pixel origin", text=str(error))
+        question = alarm(kind=Kind.PIXEL_ORIGIN, text=str(error), mends=error.mends)
         plain = undistorted(cameras, pixels.uv_px)
         rest = [*pixel_findings(pixels), *camera_findings(cameras, y_up=None), *fit_findings(cameras, plain)]
-        return sorted([question, *rest], key=lambda f: not f.alarm)
+        return worst_first([question, *rest])
 
     def ideal(iterations: int | None) -> Array:
         return decision.ideal(cameras, pixels.uv_px, iterations=iterations)
 
-    timed = recording.fps is not None
-    found = audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3), timed=timed)
-    return [f for f in found if recording.unit is not None or f.kind != "units"]
+    known = {"timed": recording.fps is not None, "sized": recording.unit is not None}
+    return audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3), **known)

@@ -1,7 +1,7 @@
 """Calibration against pixels: mirrored worlds, copied or wrong cameras, flips, lens corrections not applied."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,11 +11,13 @@ from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
 from mocap.cameras.camera import Camera, decompose, flipped, may_be_cropped, pinhole_lens, stacked, undistorted
 from mocap.cameras.origin import CLEARLY, PixelOrigin
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
-from mocap.findings import Finding, alarm
+from mocap.findings import Finding, Kind, alarm
 
 LARGE_PX = 8.0
 """A median residual above this, and above ``CLEAR_SD`` deviations of the clicks' jitter, is warned of. Chosen, not
 measured."""
+OF_EXTENT = 0.02
+"""A median residual above this share of what the pixels span is another calibration's: 20 px of 1000. Chosen."""
 UNEVEN, LEAST_UNEVEN_PX = 3.0, 1.0
 """One camera's median residual is so many times another's, and so large, where that is a finding. Chosen: none of 200
 clean recordings was accused (docs/experiments/audit_measured.md)."""
@@ -37,7 +39,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
             if (np.abs(matrices[i] - matrices[j]) < 1e-6 * size).all():
                 found.append(
                     alarm(
-                        kind="copied cameras",
+                        kind=Kind.COPIED_CAMERAS,
                         text=f"cameras {a.name!r} and {b.name!r} have identical calibrations: one was copied from "
                         "the other, and points reconstructed with it are wrong, or both are tracks of one camera",
                         cameras=(a.name, b.name),
@@ -48,7 +50,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         fewer = [c.name for c, m in zip(cameras, mirrored, strict=True) if m == (sum(mirrored) * 2 <= len(mirrored))]
         found.append(
             alarm(
-                kind="mirrored camera",
+                kind=Kind.MIRRORED_CAMERA,
                 text=f"the calibration of {', '.join(map(repr, fewer))} is mirrored relative to the other cameras: "
                 "right if it films in a mirror, else its pixel rows were counted from another corner",
                 cameras=tuple(fewer),
@@ -61,17 +63,23 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
             else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state "
             "`origin`"
         )
-        found.append(Finding(kind="mirrored world", alarm=y_up is False, text=text))
+        mends = ("origin",) if y_up is None else ()
+        found.append(Finding(kind=Kind.MIRRORED_WORLD, alarm=y_up is False, text=text, mends=mends))
     elif y_up and not mirrored[0]:
         text = (
             "the world is mirrored (left-handed), because pixel rows are counted from the lower left: left and "
             "right are swapped"
         )
-        found.append(alarm(kind="mirrored world", text=text))
+        found.append(alarm(kind=Kind.MIRRORED_WORLD, text=text))
     return found
 
 
 def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
+    """Cameras that do not belong to the pixels (``foreign``), or else rays that miss by much (``far_apart``)."""
+    return foreign(cameras, ideal_px) or far_apart(cameras, ideal_px)
+
+
+def foreign(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     """Cameras that do not belong to the pixels.
 
     With three cameras or more, each is left out: where the rays of the others then meet four times as near, and clearly
@@ -100,7 +108,7 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
         camera = cameras[worst]
         return [
             alarm(
-                kind="foreign camera",
+                kind=Kind.FOREIGN_CAMERA,
                 text=f"the calibration of camera {camera.name!r} does not fit its pixels: median triangulation "
                 f"residual {whole:.1f} px with this camera, {left[worst]:.2f} px without it",
                 numbers={"with_px": whole, "without_px": left[worst]},
@@ -109,24 +117,37 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
         ]
     if (uneven := _uneven(cameras, ideal_px, uv)) is not None:
         return [uneven]
-    jitter = _jitter(ideal_px)
-    if whole <= max(LARGE_PX, CLEAR_SD * jitter):  # as near as careless clicks let rays meet
-        return []
-    if whole > 0.02 * extent:  # 20 px of 1000; chosen
+    if whole > max(_near_enough(ideal_px), OF_EXTENT * extent):
         cropped = may_be_cropped(cameras, ideal_px)
         return [
             alarm(
-                kind="foreign calibration",
+                kind=Kind.FOREIGN_CALIBRATION,
                 text=f"median triangulation residual {whole:.0f} px, while the pixels themselves span only "
                 f"{extent:.0f} px: " + (cropped or "the calibration does not belong to these pixels"),
                 numbers={"residual_px": whole, "extent_px": extent},
                 cameras=tuple(c.name for c in cameras),
             )
         ]
+    return []
+
+
+def _near_enough(ideal_px: Array) -> float:
+    """A median residual that nobody is warned of: careless clicks let rays meet no nearer."""
+    return max(LARGE_PX, CLEAR_SD * _jitter(ideal_px))
+
+
+def far_apart(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
+    """Rays that miss each other by more than their clicks explain; see ``fit_findings``."""
+    matrices, uv = stacked(cameras), spread_points(ideal_px, 3000)  # as ``foreign``
+    if len(cameras) < 2 or uv.shape[1] < 5:
+        return []
+    whole, jitter = median_miss(matrices, uv), _jitter(ideal_px)
+    if whole <= _near_enough(ideal_px):
+        return []
     against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
     return [
         alarm(
-            kind="large residual",
+            kind=Kind.LARGE_RESIDUAL,
             text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: "
             "3D points are wrong by about as much: check cameras, lenses and the order of the files",
             numbers={"residual_px": whole, "jitter_px": jitter},
@@ -156,7 +177,7 @@ def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | 
     names = [c.name for c in cameras]
     each = ", ".join(f"{names[c]!r} {own[c]:.1f} px" for c in np.flatnonzero(bad))
     return alarm(
-        kind="uneven cameras",
+        kind=Kind.UNEVEN_CAMERAS,
         text=f"WARNING: some cameras have far larger reprojection errors: {each} (median), {names[best]!r} "
         f"{own[best]:.2f} px, and their points scatter less: their calibration, lens or pixels are wrong",
         numbers={"worst_px": float(np.nanmax(own)), "best_px": float(own[best])},
@@ -172,8 +193,42 @@ def _jitter(ideal_px: Array) -> float:
     return float(np.median(third)) / (0.6745 * np.sqrt(20.0)) if len(third) >= 30 else 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class HiddenLens:
+    """Distortion that the pixels show and no file states.
+
+    Attributes:
+        k1: Radial coefficient that all cameras have alike.
+        plain_px: Median residual without it.
+        with_px: Median residual with it.
+    """
+
+    k1: float
+    plain_px: float
+    with_px: float
+
+    def finding(self) -> Finding:
+        """What to do about it."""
+        return alarm(
+            kind=Kind.DISTORTION,
+            text=f"the pixels look distorted{' (or focal lengths are wrong)' if self.k1 > 0 else ''}, and no lens is "
+            f"given: with k1 = {self.k1:.2f} in all cameras the "
+            f"median triangulation residual falls from {self.plain_px:.2f} px to {self.with_px:.2f} px: give the "
+            "camera profile (`profile`), or have it estimated with `fit_lens`",
+            numbers={"k1": self.k1, "plain_px": self.plain_px, "with_k1_px": self.with_px},
+        )
+
+
 def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin) -> list[Finding]:
-    """Whether the lens correction belongs applied once, not at all or twice; and distortion that no file states.
+    """What is found of lenses: ``hidden_lens`` where none is given, else ``applied_lens``."""
+    if any(c.lens is not None for c in cameras):
+        return applied_lens(cameras, uv_px, decision)
+    hidden = hidden_lens(cameras, uv_px, decision)
+    return [] if hidden is None else [hidden.finding()]
+
+
+def applied_lens(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin) -> list[Finding]:
+    """Whether the lens correction belongs applied once, not at all or twice.
 
     Args:
         cameras: The C cameras.
@@ -184,8 +239,6 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
     if len(cameras) < 2 or uv.shape[1] < 20:
         return []
     once = decision.ideal(cameras, uv)
-    if all(c.lens is None for c in cameras):
-        return _hidden_distortion(cameras, once)
     back = flipped(once, decision.height_px) if decision.coefficients == "lower-left" else once
     twice = undistorted(cameras, back)
     twice = flipped(twice, decision.height_px) if decision.coefficients == "lower-left" else twice
@@ -204,7 +257,7 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
             f"lens correction applied once: median triangulation residual {tried['once']:.3f} px with it, "
             f"{tried['not at all']:.3f} px without it"
         )
-        return [Finding(kind="distortion", alarm=False, text=text, numbers=numbers)]
+        return [Finding(kind=Kind.DISTORTION, alarm=False, text=text, numbers=numbers)]
     why = (
         "the pixels are already undistorted (leave the camera profile out), or the lens is another camera's"
         if best == "not at all"
@@ -212,7 +265,8 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
     )
     return [
         alarm(
-            kind="distortion",
+            kind=Kind.DISTORTION,
+            mends=("profile",),
             text=f"the triangulation residual is smallest with the lens correction applied {best} "
             f"({tried[best]:.3f} px; applied once: {tried['once']:.3f} px): {why}",
             numbers=numbers,
@@ -220,10 +274,20 @@ def lens_findings(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin
     ]
 
 
-def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
-    """One radial coefficient k1 for all cameras, about their principal points, that lowers the residual."""
+def hidden_lens(cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin) -> HiddenLens | None:
+    """One radial coefficient k1 for all cameras, about their principal points, that lowers the residual.
+
+    Args:
+        cameras: The C cameras, without lenses.
+        uv_px: (C, T, M, 2) pixels as in the file.
+        decision: Where rows are counted from.
+    """
     from scipy.optimize import minimize_scalar
 
+    pixels = spread_points(uv_px, 2000)  # so many points judge
+    if len(cameras) < 2 or pixels.shape[1] < 20:
+        return None
+    uv = decision.ideal(cameras, pixels)
     lenses, matrices = [*map(pinhole_lens, cameras)], stacked(cameras)
 
     def miss(k1: float) -> float:
@@ -235,19 +299,10 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
     values = [miss(k) for k in grid]
     at = int(np.argmin(values))
     if not 0 < at < len(grid) - 1:
-        return []
+        return None
     best = minimize_scalar(miss, bounds=(grid[at - 1], grid[at + 1]), method="bounded", options={"xatol": 1e-3})
     # by chance it falls by 1.1 % (200 recordings); errors of focal lengths of 0.5 % look like pincushion distortion,
     # and lower it by as much (docs/experiments/audit_measured.md)
     if best.fun * (1.1 if best.x < 0 else CLEARLY) > plain or abs(best.x) < 0.02:
-        return []
-    return [
-        alarm(
-            kind="distortion",
-            text=f"the pixels look distorted{' (or focal lengths are wrong)' if best.x > 0 else ''}, and no lens is "
-            f"given: with k1 = {best.x:.2f} in all cameras the "
-            f"median triangulation residual falls from {plain:.2f} px to {best.fun:.2f} px: give the camera "
-            "profile (`profile`), or have it estimated with `fit_lens`",
-            numbers={"k1": float(best.x), "plain_px": plain, "with_k1_px": float(best.fun)},
-        )
-    ]
+        return None
+    return HiddenLens(k1=float(best.x), plain_px=plain, with_px=float(best.fun))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.triangulate import linear, linearise
-from mocap.findings import Finding, alarm
+from mocap.findings import Finding, Kind, alarm
 
 BLOCKS = 12
 """Stretches of a recording, to see how far results of parts of it differ: a deviation to 1 / sqrt(2 * 11) = 21 %."""
@@ -238,7 +238,7 @@ def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]
     if not clear.any():
         return [
             Finding(
-                kind="camera offsets",
+                kind=Kind.CAMERA_OFFSETS,
                 alarm=False,
                 text=f"cameras are synchronised: offsets {each} frames",
                 numbers=numbers,
@@ -246,7 +246,7 @@ def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]
         ]
     return [
         alarm(
-            kind="camera offsets",
+            kind=Kind.CAMERA_OFFSETS,
             text=f"cameras are not synchronised: offsets {each} frames (RMS triangulation residual "
             f"{found.before_px:.2f} px, with these offsets {found.after_px:.2f} px): not corrected; `correct_lag` does",
             numbers=numbers,

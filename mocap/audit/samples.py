@@ -1,11 +1,12 @@
 """Checks of tracks alone: quantised pixels, copied frames and cameras, wrong units, markers that jump."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from eal.arrays import Array
-from mocap.findings import MOST, Finding, alarm
+from mocap.findings import MOST, Finding, Kind, alarm
 from mocap.io.plausible import rounding
 from mocap.records import MarkerTracks, PixelTracks
 
@@ -24,9 +25,9 @@ def pixel_findings(pixels: PixelTracks) -> list[Finding]:
     return found + _copied_tracks(pixels)
 
 
-def point_findings(points: MarkerTracks) -> list[Finding]:
-    """Repeated frames and lengths that no animal has, of positions."""
-    return [*_repeats(points.xyz_m, None), *sizes(points.xyz_m)]
+def point_findings(points: MarkerTracks, *, sized: bool = True) -> list[Finding]:
+    """Repeated frames and lengths that no animal has, of positions; ``sized``: whether their unit is known."""
+    return [*_repeats(points.xyz_m, None), *(sizes(points.xyz_m) if sized else [])]
 
 
 def _steps(uv: Array, camera: str) -> list[Finding]:
@@ -63,7 +64,7 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
         return []
     return [
         alarm(
-            kind="quantised pixels",
+            kind=Kind.QUANTISED_PIXELS,
             text=f"pixels of camera {camera!r} {text}",
             numbers=numbers,
             cameras=(camera,),
@@ -101,7 +102,7 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
     whose = "" if camera is None else f" of camera {camera!r}"
     return [
         alarm(
-            kind="repeated frames",
+            kind=Kind.REPEATED_FRAMES,
             text=f"{len(at)} frames{whose} are identical to the previous frame in every digit, while what is "
             "recorded moves before and after: the recording stalled, or frames were stored twice",
             numbers={"frames": len(at), "share": len(at) / len(values)},
@@ -123,7 +124,7 @@ def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
                 names = (pixels.cameras[b], pixels.cameras[a])
                 found.append(
                     alarm(
-                        kind="copied pixels",
+                        kind=Kind.COPIED_PIXELS,
                         text=f"{same.sum()} of {both.sum()} pixels of cameras {names[0]!r} and {names[1]!r} are "
                         "identical: one was copied from the other",
                         numbers={"samples": float(same.sum())},
@@ -157,7 +158,7 @@ def sizes(xyz_m: Array) -> list[Finding]:
     )
     return [
         alarm(
-            kind="units",
+            kind=Kind.UNITS,
             text=f"markers are {size:.3g} m {what}, which fits no animal: lengths may be in "
             f"{better or 'another unit'}; nothing was changed",
             numbers={"size_m": size},
@@ -190,9 +191,30 @@ def usual_speed(xyz_m: Array, t_s: Array) -> float:
     return FAST * float(np.quantile(speed, 0.999)) if len(speed) >= 1000 else np.inf
 
 
-def jump_findings(
-    xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True, first: int = 0, length: str = "mm"
-) -> list[Finding]:
+@dataclass(frozen=True, kw_only=True)
+class Jump:
+    """A marker that goes from one place to another faster than it moves before and after.
+
+    Attributes:
+        marker: Its index.
+        frames: From which frame to which, from 0.
+        far_m: How far.
+        speed_m_s: How fast.
+        usual_m_s: Speed that 99.9 % of all steps stay below.
+        other: Index of the marker that it is probably exchanged with; None: of none.
+        near_m: How far that one is from where it goes, or was.
+    """
+
+    marker: int
+    frames: tuple[int, int]
+    far_m: float
+    speed_m_s: float
+    usual_m_s: float
+    other: int | None = None
+    near_m: float = 0.0
+
+
+def jumps(xyz_m: Array, t_s: Array) -> tuple[Jump, ...]:
     """Markers that jump from one place to another, in one frame or in a hole of a few.
 
     A step is a jump where it is faster than ``usual_speed``, and far longer than the motion before and after it
@@ -201,19 +223,13 @@ def jump_findings(
     Args:
         xyz_m: (T, M, 3) positions; NaN where not seen.
         t_s: (T,) times.
-        names: The M markers.
-        timed: Whether the frame rate is known; else times are in frames, and so speeds are told.
-        first: Frames of the recording before these.
-        length: What a thousandth of the unit of positions is called: ``mm``, or ``px`` where they are pixels.
     """
     limit = usual_speed(xyz_m, t_s)
     if not np.isfinite(limit):
-        return []
+        return ()
     usual = limit / FAST
-    per = "/s" if timed else " per frame"
-    with_unit = "{:.3g} m/s".format if timed and length == "mm" else (lambda speed: f"{1e3 * speed:.4g} {length}{per}")
     found = []
-    for m, name in enumerate(names):
+    for m in range(xyz_m.shape[1]):
         frames = np.flatnonzero(np.isfinite(xyz_m[:, m, 0]))
         if len(frames) < 2 * AROUND:
             continue
@@ -231,26 +247,66 @@ def jump_findings(
             # longer than speeds explain; between neighbouring frames a careless click looks like a jump
             if left < (4.0 if hole[i] == 1 else 2.5) * explained or left < 0.5 * np.linalg.norm(step[i]):
                 continue
-            far = float(np.linalg.norm(step[i]))
-            one, next_one = (int(frame) + first + 1 for frame in frames[i : i + 2])
-            other, near = _nearest(xyz_m, m, (frames[i], frames[i + 1]))
+            far, ends = float(np.linalg.norm(step[i])), (int(frames[i]), int(frames[i + 1]))
+            other, near = _nearest(xyz_m, m, ends)
             if far < APART * near:
                 continue
-            cause = "probably a digitising error before or after"
-            if other is not None and near < APART * far:
-                cause = f"probably swapped with {str(names[other])!r}, {1e3 * near:.4g} {length} away, before or after"
             found.append(
-                alarm(
-                    kind="jump",
-                    text=f"{name!r} jumps by {1e3 * far:.4g} {length} between frames {one} and "
-                    f"{next_one} ({with_unit(speed[i])}; 99.9 % of all steps are slower than {with_unit(usual)}): "
-                    f"{cause}: check these frames before filling",
-                    numbers={"length": far, "speed": float(speed[i]), "usual_speed": usual},
-                    markers=(str(name),),
-                    frames=(one, next_one),
+                Jump(
+                    marker=m,
+                    frames=ends,
+                    far_m=far,
+                    speed_m_s=float(speed[i]),
+                    usual_m_s=usual,
+                    other=other if near < APART * far else None,
+                    near_m=near,
                 )
             )
-    return found
+    return tuple(found)
+
+
+def jump_findings(
+    xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True, first: int = 0, length: str = "mm"
+) -> list[Finding]:
+    """One for each of the ``jumps`` of (T, M, 3) positions; see ``of_jumps``."""
+    return of_jumps(jumps(xyz_m, t_s), names, timed=timed, first=first, length=length)
+
+
+def of_jumps(
+    found: Sequence[Jump], names: Sequence[str], *, timed: bool = True, first: int = 0, length: str = "mm"
+) -> list[Finding]:
+    """One for each jump.
+
+    Args:
+        found: The jumps.
+        names: The M markers.
+        timed: Whether the frame rate is known; else times are in frames, and so speeds are told.
+        first: Frames of the recording before these.
+        length: What a thousandth of the unit of positions is called: ``mm``, or ``px`` where they are pixels.
+    """
+    per = "/s" if timed else " per frame"
+    with_unit = "{:.3g} m/s".format if timed and length == "mm" else (lambda speed: f"{1e3 * speed:.4g} {length}{per}")
+    out = []
+    for jump in found:
+        name, (one, next_one) = str(names[jump.marker]), (frame + first + 1 for frame in jump.frames)
+        cause = "probably a digitising error before or after"
+        if jump.other is not None:
+            cause = (
+                f"probably swapped with {str(names[jump.other])!r}, {1e3 * jump.near_m:.4g} {length} away, before or "
+                "after"
+            )
+        out.append(
+            alarm(
+                kind=Kind.JUMP,
+                text=f"{name!r} jumps by {1e3 * jump.far_m:.4g} {length} between frames {one} and {next_one} "
+                f"({with_unit(jump.speed_m_s)}; 99.9 % of all steps are slower than {with_unit(jump.usual_m_s)}): "
+                f"{cause}: check these frames before filling",
+                numbers={"length": jump.far_m, "speed": jump.speed_m_s, "usual_speed": jump.usual_m_s},
+                markers=(name,),
+                frames=(one, next_one),
+            )
+        )
+    return out
 
 
 def _nearest(xyz_m: Array, marker: int, frames: tuple[int, int]) -> tuple[int | None, float]:

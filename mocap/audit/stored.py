@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.findings import MOST, Finding, alarm
+from mocap.findings import MOST, Finding, Kind, alarm
 from mocap.io.plausible import rounding
 from mocap.records import MarkerTracks
 
@@ -100,7 +100,7 @@ def stored_findings(matrices: Array, ideal_px: Array, stored: MarkerTracks, *, c
     )
     return [
         Finding(
-            kind="stale points",
+            kind=Kind.STALE_POINTS,
             alarm=not as_good,
             text=f"{text}: {cause}",
             numbers={
@@ -143,7 +143,7 @@ def other_world(xyz_m: Array, stored_points: MarkerTracks) -> Finding | None:
     if left > 0.1 * apart or left > 0.02 * spread or apart < 0.05 * spread:
         return None
     return alarm(
-        kind="another world",
+        kind=Kind.ANOTHER_WORLD,
         text=f"the stored points are in another world than this calibration's: they differ by {apart:.3g} m (median), "
         f"by {left:.2g} m after turning, shifting and scaling by {scale:.4g}: they were computed with another "
         "calibration, or turned or scaled afterwards, and are not compared",
@@ -170,7 +170,7 @@ def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_]) -> list[
         if shares[k][0] > 0.8 and shares[k][1] >= 3:  # by chance none agrees to micrometres
             found.append(
                 alarm(
-                    kind="wrong columns",
+                    kind=Kind.WRONG_COLUMNS,
                     text=f"stored points of {name!r} are those of {stored.names[k]!r}: their columns are swapped",
                     numbers={"share": shares[k][0], "points": shares[k][1]},
                     markers=(name, stored.names[k]),
@@ -192,7 +192,7 @@ def _shifted(xyz: Array, stored: MarkerTracks) -> list[Finding]:
         return []
     return [
         alarm(
-            kind="time shift",
+            kind=Kind.TIME_SHIFT,
             text=f"stored points are {abs(s)} frames {'later' if s > 0 else 'earlier'} than their pixels "
             f"({shares[s][0] * 100:.0f} % agree when shifted by that)",
             numbers={"frames": s, "share": shares[s][0]},
@@ -208,7 +208,7 @@ def _half_solve(matrices: Array, ideal_px: Array, stored: MarkerTracks, cameras:
         if share > 0.5 and count >= 5:
             return [
                 alarm(
-                    kind="one v row",
+                    kind=Kind.ONE_V_ROW,
                     text=f"stored points were computed from the x pixels of all cameras but the y pixels of camera "
                     f"{name!r} only, as Argus does ({share * 100:.0f} % agree with that): triangulate them again",
                     numbers={"share": share, "points": count},

@@ -17,6 +17,7 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, picture_size, stacked, undistorted
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
+from mocap.findings import Kind
 
 LOOKED_AT_PX = 3.0
 """Rays that meet as near as that are not suspected: careless clicks miss by as much. Chosen."""
@@ -35,7 +36,7 @@ class Arrangement:
     """What was done to the pixels, and how well they fit without it.
 
     Attributes:
-        kind: ``mirrored pixels``, ``shifted pixels`` or ``swapped cameras``.
+        kind: Mirrored pixels, shifted pixels or swapped cameras.
         cameras: Cameras concerned.
         change: What undoes it, in words.
         residual_px: Median triangulation residual as the files are.
@@ -44,7 +45,7 @@ class Arrangement:
         belongs: Of swapped cameras: of each view by its camera's name, the camera whose calibration it belongs to.
     """
 
-    kind: str
+    kind: Kind
     cameras: tuple[str, ...]
     change: str
     residual_px: float
@@ -342,7 +343,7 @@ def _named(
         belongs = {names[i]: names[change.order[i]] for i in moved}
         pairs = ", ".join(f"pixels of {view!r} with the calibration of {own!r}" for view, own in belongs.items())
         return Arrangement(
-            kind="swapped cameras",
+            kind=Kind.SWAPPED_CAMERAS,
             cameras=tuple(names[i] for i in moved),
             change=f"the cameras are in another order than their calibration; these belong together: {pairs}",
             residual_px=as_is,
@@ -368,7 +369,7 @@ def _named(
         }[kind]
         words.append(f"{formula} in {', '.join(repr(names[i]) for i in which)}")
     return Arrangement(
-        kind="shifted pixels" if set(change.kinds) & set(SHIFTS) else "mirrored pixels",
+        kind=Kind.SHIFTED_PIXELS if set(change.kinds) & set(SHIFTS) else "mirrored pixels",
         cameras=tuple(name for name, kind in zip(names, change.kinds, strict=True) if kind),
         change="the pixels belong to their calibration with " + " and ".join(words),
         residual_px=as_is,

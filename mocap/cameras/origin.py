@@ -30,6 +30,7 @@ class OriginError(CalibrationError):
     """The corner cannot be told from one file; other files of its session may tell."""
 
     page = "conventions"
+    mends = ("origin",)
 
 
 @dataclass(frozen=True, kw_only=True)

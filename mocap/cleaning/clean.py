@@ -20,6 +20,14 @@ REASONS = {
     "contradicted": "two-camera points inconsistent with the motion and the other markers",
 }
 """Why a sample was rejected, by the key that reports use."""
+POSE_MARKERS, POSE_SHARE = 4, 0.6
+"""A pose is of so many markers (three tell where a body is, a fourth of its shape), and a frame shows it that shows
+this share of them. The share is chosen, not measured."""
+
+
+def shows_a_pose(seen: Mask) -> Mask:
+    """(T,) frames that show enough of the (T, M) markers for a pose."""
+    return seen.mean(axis=1) >= POSE_SHARE
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -23,10 +23,9 @@ from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof
 from mocap.desk.session import Session
 from mocap.errors import MocapError
-from mocap.findings import Finding
+from mocap.findings import Finding, Kind, worst_first
 from mocap.io.manifest import locked
 from mocap.io.output import result_file, result_folder
-from mocap.io.unstated_unit import UNIT
 from mocap.pipeline.cleaning import audit_points
 from mocap.pipeline.edits import read_edits, standing
 from mocap.pipeline.ideal_pixels import with_rays
@@ -40,10 +39,10 @@ MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
     "correct_lag": (("Correct the lag", True),),
     "origin": (("Rows count from above", "upper-left"), ("Rows count from below", "lower-left")),
     "unit": tuple((f"Lengths are in {unit}", unit) for unit in ("m", "mm", "cm", "in", "ft")),
-    "swap": (("Swap the cameras", True),),
+    "tracks": (("Swap the cameras", "in their order"),),
 }
-"""What can be done about a finding that names an argument of ``mocap.read`` (``swap``: about cameras in another order
-than their calibration): what a person reads, and the argument's value."""
+"""What can be done about a finding, by the argument of ``mocap.read`` that mends it: what a person reads, and the
+argument's value."""
 PASSED = {
     "report": "report.html, figures and tables",
     "xlsx": "tables for Excel",
@@ -168,8 +167,10 @@ class Desk:
             with suppress(MocapError):
                 swap = _in_order(trial)
         except MocapError as error:
-            found.append(Finding(kind="refused", alarm=True, text=str(error)))
-        once = {one.text: one for one in sorted(found, key=lambda one: not one.alarm)}
+            found.append(Finding(kind=Kind.REFUSED, alarm=True, text=str(error), mends=error.mends))
+        once: dict[str, Finding] = {}
+        for one in worst_first(found):
+            once.setdefault(one.text, one)
         return [
             {
                 "kind": one.kind,
@@ -177,11 +178,9 @@ class Desk:
                 "alarm": one.alarm,
                 "mend": [
                     {"said": label, "name": key, "value": value}
-                    for key, ways in MEND.items()
-                    if f"`{key}`" in one.text
-                    or (key == "unit" and one.kind == UNIT)
-                    or (key == "swap" and one.kind == "swapped cameras" and swap is not None)
-                    for label, value in ways
+                    for key in one.mends or ()
+                    if key != "tracks" or swap is not None
+                    for label, value in MEND.get(key, ())
                     if trial.arguments.get(key) != value
                 ],
             }
@@ -202,7 +201,7 @@ class Desk:
         trial = self.trial(name)
         if key == "skip":
             self.trials[name] = replace(trial, skip=str(value))
-        elif key == "swap":
+        elif key == "tracks":
             self.trials[name] = _in_order(trial)
         else:
             self.trials[name] = replace(trial, arguments={**trial.arguments, key: value})

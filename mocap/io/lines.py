@@ -200,8 +200,10 @@ def rate(path: Path, value: object) -> float:
 
 
 RATES_HZ = (1e-4, 1e7)  # a picture in three hours, and the fastest cameras
-SLOW, SLOW_HZ = "ARE TIMES SECONDS?", 1.0
-"""How a finding begins on times that a second or more lies between, as seconds: few animals are filmed so slowly."""
+SLOW_HZ = 1.0
+"""Times that a second or more lies between, as seconds, are doubted: few animals are filmed so slowly. Chosen."""
+SLOW = "ARE TIMES SECONDS?"
+"""How a sentence on them begins."""
 
 
 def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -249,12 +251,17 @@ def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
     uneven = np.ptp(steps) > 0.5 * np.median(steps)
     fps = 1 / np.median(steps) if uneven else _rounded_rate(t_s)
     notes = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
-    if fps <= SLOW_HZ:
-        counts = "if they count frames, their rate is not known"
-        unit, size = ("milliseconds", 1e3) if fps > SLOW_HZ / 1e3 else ("microseconds", 1e6)
-        other = counts if (steps == 1).all() else f"if they are {unit}, {fps * size:.6g}"
-        notes.append(f"{SLOW} as such they give {fps:.4g} frames a second; {other}: state `fps`")
-    return float(f"{fps:.9g}"), notes
+    return float(f"{fps:.9g}"), [*notes, *slow_rate(fps, t_s)]
+
+
+def slow_rate(fps: float, t_s: Array) -> list[str]:
+    """A sentence where times make a rate of at most ``SLOW_HZ``, with what else they may be."""
+    if fps > SLOW_HZ:
+        return []
+    counts = "if they count frames, their rate is not known"
+    unit, size = ("milliseconds", 1e3) if fps > SLOW_HZ / 1e3 else ("microseconds", 1e6)
+    other = counts if (np.diff(t_s) == 1).all() else f"if they are {unit}, {fps * size:.6g}"
+    return [f"{SLOW} as such they give {fps:.4g} frames a second; {other}: state `fps`"]
 
 
 def is_number_row(cells: tuple[str, ...]) -> bool:

@@ -4,8 +4,8 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.errors import FormatError
-from mocap.findings import Finding
+from mocap.errors import NoUnitError
+from mocap.findings import Finding, Kind
 from mocap.io.contents import FileContents
 from mocap.io.lines import UNIT_M
 
@@ -19,7 +19,7 @@ LONG_M = 3.0
 """Few animals are longer."""
 WIDEST_NOISE_M = 0.05
 """No system of cameras that follows one animal is so vague."""
-UNIT, UNSTATED = "assumed unit", "no unit is stated: "
+UNSTATED = "no unit is stated: "
 """How sentences on an assumed unit begin, in capitals where it may well be wrong."""
 _UNITS = ("m", "mm", "cm")
 
@@ -75,7 +75,7 @@ def assumed_unit(
     unit = guessed(long, vague, bounds_m=bounds_m)
     lengths = {u: length_text(long * UNIT_M[u]) for u in _UNITS}
     if unit is None:
-        raise FormatError(
+        raise NoUnitError(
             f"{where}: no unit is stated, and none makes {what} one: it would be "
             f"{', '.join(f'{text} long in {u}' for u, text in lengths.items())}: state `unit`"
         )
@@ -86,9 +86,11 @@ def assumed_unit(
     sentence = f"lengths are assumed to be in {in_words}, so that {what} is {lengths[unit]} long{more}"
     if unit != "m" or more or long > ANIMALS_M[1]:
         wrong = "If that is wrong, all lengths below are wrong: state the unit"
-        return unit, Finding(kind=UNIT, alarm=True, text=f"{UNSTATED.upper()}{sentence}. {wrong}: {others}")
+        return unit, Finding(
+            kind=Kind.ASSUMED_UNIT, alarm=True, text=f"{UNSTATED.upper()}{sentence}. {wrong}: {others}"
+        )
     others = f"; if that is wrong, state the unit: {others}" if long > LONG_M else ""
-    return unit, Finding(kind=UNIT, text=f"{UNSTATED}{sentence}{others}")
+    return unit, Finding(kind=Kind.ASSUMED_UNIT, text=f"{UNSTATED}{sentence}{others}", mends=("unit",))
 
 
 def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[Finding, ...]]:

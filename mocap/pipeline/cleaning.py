@@ -143,8 +143,9 @@ def _film(recording: Recording, first: int) -> Recording:
             "check that coefficients, profile and pixels belong together"
         )
     lasting = persistent_px(matrices, uv, found.xyz_m, relative=worse)
-    audited = audit.audit_filmed(film.cameras, pixels, ideal, rows, first=first)
-    lens_cov, lens = _lens_uncertainty(film, audited, uv)
+    audited = audit.audited(film.cameras, pixels, ideal, rows, lens_known=film.lens is not None, first=first)
+    lens_cov, far_mm = _lens_uncertainty(film, audited.lens, uv)
+    lens = [] if far_mm is None else [sentences.lens_left(far_mm)]
     bias = ray_bias(matrices, uv, dt_s=film.dt_s, relative=worse)
     bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
     uv = uv - bias.bias_px
@@ -187,13 +188,14 @@ def _film(recording: Recording, first: int) -> Recording:
         bad_cameras=health.bad,
         swaps=swaps,
         stale=stale,
-        audited=tuple(audited),
+        jumps=audited.jumps,
+        audited=audited.findings,
         readings=(),
         findings=(
             *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
             *film.readings,
             *film.findings,
-            *(f for f in audited if f.alarm or f.kind == "mirrored world"),
+            *(f for f in audited.findings if f.asks),
             *lens,
             *sentences.late_cameras(cameras, film.late_frames),
             *findings,
@@ -209,31 +211,29 @@ def _film(recording: Recording, first: int) -> Recording:
     )
 
 
-def _lens_uncertainty(film: Recording, audited: list[Finding], uv_px: Array) -> tuple[Array | None, list[Finding]]:
-    """(T, M, 3, 3) covariance of points, and findings; None where lenses are given, or nothing speaks of one.
+def _lens_uncertainty(
+    film: Recording, hidden: audit.HiddenLens | None, uv_px: Array
+) -> tuple[Array | None, Array | None]:
+    """(T, M, 3, 3) covariance of points, None where no lens is doubted; and by how many mm one left in moves (N,) each.
 
     Of a lens that was estimated it follows from the covariance of its coefficients. One that the audit sees and nobody
     corrected moves each point by d: it is counted as an error with the covariance d d^T, which no frame averages out.
 
     Args:
         film: With ideal pixels.
-        audited: Findings, from which those of a lens are removed once it was estimated.
+        hidden: A lens that no file states, and nobody estimated; None: there is none.
         uv_px: (C, T, M, 2) believed ideal pixels.
     """
     if film.lens is not None:
-        audited[:] = [f for f in audited if not (f.kind == "distortion" and f.alarm)]
         each = zip(film.lens.lenses, film.lens.k1, uv_px, strict=True)
         bent = np.stack([replace(lens, k=(float(k1), 0.0, 0.0)).distort(uv) for lens, k1, uv in each])  # as before it
-        return lens_covariance(film.cameras, film.lens, bent), []
-    seen = [f for f in audited if f.kind == "distortion" and f.alarm and "k1" in f.numbers]
-    if not seen:
-        return None, []
-    moved = moved_by_lens(film.cameras, uv_px, float(seen[0].numbers["k1"]))
+        return lens_covariance(film.cameras, film.lens, bent), None
+    if hidden is None:
+        return None, None
+    moved = moved_by_lens(film.cameras, uv_px, hidden.k1)
     far = 1e3 * np.linalg.norm(moved, axis=-1)
     far = far[np.isfinite(far)]
-    if not len(far):
-        return None, []
-    return moved[..., :, None] * moved[..., None, :], [sentences.lens_left(far)]
+    return (moved[..., :, None] * moved[..., None, :], far) if len(far) else (None, None)
 
 
 def _positions(recording: Recording, first: int) -> Recording:
@@ -246,7 +246,8 @@ def _positions(recording: Recording, first: int) -> Recording:
     doubtful = named.unsure & ~recording.edited
     xyz = np.where(doubtful[..., None], np.nan, xyz)
     length = "mm" if plane is None else plane.length
-    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names, first=first, length=length))
+    jumped = audit.jumps(xyz, tracks.t_s)
+    jumps = tuple(audit.of_jumps(jumped, names, first=first, length=length))
     cleaning = cleaned_positions(xyz, sd, tracks.t_s, skeleton, names, certain=recording.edited)
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     nowhere = np.zeros(xyz.shape[:2], dtype=bool)
@@ -263,6 +264,7 @@ def _positions(recording: Recording, first: int) -> Recording:
         cleaned=True,
         cameras=(),
         swaps=tuple(swaps),
+        jumps=jumped,
         audited=jumps,
         findings=(
             *recording.findings,

@@ -174,7 +174,7 @@ def _together(recording: Recording, options: PixelOptions) -> Recording:
         late = audit.late_cameras(lags)
         ideal = audit.in_step(ideal, late)
     found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
-    return replace(found, rows=rows, lens=lens, readings=(*findings, sentences.pixel_origin(rows)))
+    return replace(found, rows=rows, lens=lens, readings=(*findings, audit.origin_finding(rows)))
 
 
 def _decided_apart(uv_px: Array, cameras: Sequence[Camera], options: PixelOptions) -> PixelOrigin:
@@ -196,4 +196,5 @@ def _decided_apart(uv_px: Array, cameras: Sequence[Camera], options: PixelOption
                 return found
             each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
             error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
+            error.mends = ("correct_lag",)
         raise

@@ -13,8 +13,8 @@ from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, WITH_JOINTS, Effort,
 from mocap.filters.model import LearnedModel, learn_model, own_trials
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
+from mocap.findings import Kind
 from mocap.io.output import result_file
-from mocap.io.unstated_unit import UNIT
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.model_file import load_model as read_model
 from mocap.pipeline.model_file import save_model
@@ -240,7 +240,7 @@ def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Itera
     for source in sources:
         one = clean(source.without_needless_calibration()).in_space("learning")
         if not source.cleaned:
-            units = [finding for finding in one.findings if finding.kind == UNIT]
+            units = [finding for finding in one.findings if finding.kind is Kind.ASSUMED_UNIT]
             for text in dict.fromkeys(map(str, (*units, *source.findings))):
                 tell(f"{one.name}: {text}")
         yield one

@@ -14,12 +14,12 @@ from mocap.calls import check_rate, check_stated
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.cameras.origin import OriginError, PixelCorner, PixelOptions
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
-from mocap.findings import Finding, readings
+from mocap.findings import Finding, Kind, readings
 from mocap.io import dltdv
 from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
-from mocap.io.lines import SLOW
+from mocap.io.lines import slow_rate
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table
 from mocap.io.registry import read as read_file
@@ -174,7 +174,9 @@ def of_session(trials: Iterable[Callable[..., Recording | None]]) -> Iterator[Re
             raise error
         ((corner, calibrated),) = decisions
         recording = trial(origin=corner, calibration_origin=calibrated)
-        same = Finding(kind="pixel origin", text=f"pixel origin {corner}, as in the other recordings of this session")
+        same = Finding(
+            kind=Kind.PIXEL_ORIGIN, text=f"pixel origin {corner}, as in the other recordings of this session"
+        )
         if recording is not None:
             yield replace(recording, findings=(same, *recording.findings))
 
@@ -262,8 +264,9 @@ def complete(
         if contents.fps is None:
             raise NoRateError(f"{where}: the frame rate is not in the file: give `fps`")
         check_rate(contents.fps, where)
-        slow = (text for text in contents.findings if text.startswith(SLOW))
-        findings = (*findings, *(Finding(kind="frame rate", alarm=True, text=text) for text in slow))
+        tracks = contents.points if contents.pixels is None else contents.pixels
+        slow = [] if tracks is None else slow_rate(contents.fps, tracks.t_s)
+        findings = (*findings, *(Finding(kind=Kind.FRAME_RATE, alarm=True, text=text) for text in slow))
     else:
         contents = contents.with_rate(fps)
     contents, left_out = every_frame(contents)

@@ -149,6 +149,7 @@ class Recording:
         bad_cameras: Runs of frames in which a camera was bad; contained in ``ray_sd_px``.
         swaps: Runs of frames in which two markers bore each other's names; undone.
         stale: Stored positions that do not follow from the pixels; None where there was no file to compare.
+        jumps: Markers that jump.
         audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
         potentials: One empirical potential a joint, by joint name, in the planes of its limb.
         spatial_potentials: The same in three coordinates in the body.
@@ -184,6 +185,7 @@ class Recording:
     bad_cameras: tuple[BadTime, ...] = ()
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = None
+    jumps: tuple[audit.Jump, ...] = ()
     audited: tuple[Finding, ...] = ()
     potentials: Mapping[str, JointPotential] = field(default_factory=dict)
     spatial_potentials: Mapping[str, JointPotential] = field(default_factory=dict)

@@ -15,8 +15,8 @@ from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.models.pose import WEIGHT
 from mocap.filters.score import Score
-from mocap.findings import alarms
-from mocap.io.unstated_unit import UNIT, length
+from mocap.findings import Kind, alarms
+from mocap.io.unstated_unit import length
 from mocap.pipeline import sentences
 from mocap.pipeline.one_camera import NAME as ONE_CAMERA
 from mocap.pipeline.potentials import JointPotential
@@ -164,7 +164,7 @@ def make_report(
             "undetermined": undetermined(articulated),
         },
         "length_m": _number(length(recording.xyz_m)),
-        "assumed_unit": next((f.text for f in found if f.kind == UNIT), None),
+        "assumed_unit": next((f.text for f in found if f.kind is Kind.ASSUMED_UNIT), None),
         "wrong": list(dict.fromkeys(f.text for f in alarms(found))),
         "findings": [f.text for f in found],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},

@@ -65,7 +65,7 @@ def tracked_again(
         of = replace(of, cleaned=True)
     else:
         cleaned = clean(recording) if cleaned is None else cleaned
-        of = replace(cleaned.at(window).only(which), skeleton=bare, swaps=(), audited=())
+        of = replace(cleaned.at(window).only(which), skeleton=bare, swaps=(), jumps=())
         of = _as_named(of, without_hand(seen), which, sd_px) if of.cameras else of
     if not np.isfinite(of.xyz_m[..., 0]).any():
         raise MocapError(f"nothing is seen of {', '.join(names)} in the frames around: place it in two cameras")

@@ -11,25 +11,17 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.audit import StalePoint
 from mocap.calibration.lens_of_tracks import TrackLens
-from mocap.cameras.origin import PixelOrigin
 from mocap.cleaning.bias import RayBias
 from mocap.cleaning.camera_health import CameraHealth
-from mocap.cleaning.clean import REASONS
+from mocap.cleaning.clean import POSE_MARKERS, REASONS, shows_a_pose
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
 from mocap.cleaning.swaps import DOUBTFUL, Swap
-from mocap.findings import MOST, Finding
+from mocap.findings import MOST, Finding, Kind
 from mocap.records import Plane
 from mocap.skeleton import Skeleton
 
-TOGETHER = 0.6
-"""Share of the markers that a frame of a pose shows (``mocap.pipeline.tracking.why_no_pose``). Chosen, not measured."""
 FAR_OFF = 2.0
 """A standard deviation so many times another contradicts it. Chosen, not measured."""
-
-
-def pixel_origin(decision: PixelOrigin) -> Finding:
-    """Where pixel rows are counted from."""
-    return Finding(kind="pixel origin", text=decision.describe())
 
 
 def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> list[Finding]:
@@ -57,13 +49,13 @@ def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> 
         f"`pixel_sd` {stated_px:g} contradicts the pixels, whose triangulation residuals correspond to {shown:.2g} px. "
         f"{what}: leave it out, or check it"
     )
-    return [Finding(kind="pixel noise", alarm=True, text=text, numbers={"stated_px": stated_px, "shown_px": shown})]
+    return [Finding(kind=Kind.PIXEL_NOISE, alarm=True, text=text, numbers={"stated_px": stated_px, "shown_px": shown})]
 
 
 def estimated_lens(lens: TrackLens) -> Finding:
     """A lens that was estimated from the recording."""
     return Finding(
-        kind="lens",
+        kind=Kind.LENS,
         text=f"the lens was estimated from the recording itself: {lens.words}; median residual of stretches that the "
         f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after",
     )
@@ -73,7 +65,7 @@ def lens_left(far_mm: Array) -> Finding:
     """By how many millimetres a lens that is not corrected moves (N,) points."""
     median, most = np.median(far_mm), np.quantile(far_mm, 0.9)
     return Finding(
-        kind="lens",
+        kind=Kind.LENS,
         alarm=True,
         text=f"the lens that is not corrected moves positions by {median:.2f} mm (median), {most:.2f} mm (90 %); their "
         "standard deviations are widened by as much: give `profile`, or have it estimated with `fit_lens`",
@@ -90,14 +82,14 @@ def slow_errors(bias: RayBias, *, lens_stays: bool) -> list[Finding]:
         f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
         f"tracking; {bias.jitter_px:.2f} px of jitter remain{rest}"
     )
-    return [Finding(kind="slow errors", text=text, numbers={"slow_px": bias.sd_px, "jitter_px": bias.jitter_px})]
+    return [Finding(kind=Kind.SLOW_ERRORS, text=text, numbers={"slow_px": bias.sd_px, "jitter_px": bias.jitter_px})]
 
 
 def late_cameras(cameras: Sequence[str], late_frames: Array | None) -> list[Finding]:
     """Cameras that were read between their frames."""
     return [
         Finding(
-            kind="camera offset",
+            kind=Kind.CAMERA_OFFSET,
             text=f"camera {name!r}: pixels were interpolated to correct its offset of {late:+.2f} frames, as asked",
             numbers={"late_frames": float(late)},
             cameras=(name,),
@@ -109,7 +101,7 @@ def late_cameras(cameras: Sequence[str], late_frames: Array | None) -> list[Find
 
 def stored_points(text: str) -> Finding:
     """What became of stored points."""
-    return Finding(kind="stored points", text=text)
+    return Finding(kind=Kind.STORED_POINTS, text=text)
 
 
 def compared_points(where: str, stale: Sequence[StalePoint], total: int) -> Finding:
@@ -133,7 +125,7 @@ def position_noise(sd_m: Array, plane: Plane | None) -> Finding:
     unit, of = ("mm", "positions without cameras: their") if plane is None else (plane.length, "their")
     median = 1e3 * float(np.median(sd_m))
     text = f"{of} noise is taken from the file or estimated, {median:.3g} {unit} (median)"
-    return Finding(kind="position noise", text=text, numbers={f"median_{unit}": median})
+    return Finding(kind=Kind.POSITION_NOISE, text=text, numbers={f"median_{unit}": median})
 
 
 def in_plane(plane: Plane, *, measures: bool) -> list[Finding]:
@@ -147,8 +139,8 @@ def in_plane(plane: Plane, *, measures: bool) -> list[Finding]:
             "proportion"
         )
     unused = "bones, joints and measures were not used: lengths and angles in an image change as they turn"
-    found = [Finding(kind="plane", text=f"{sentence}; x and y are those of the file, and the lens is not corrected")]
-    return [*found, *([Finding(kind="measures in a plane", text=unused)] if measures else [])]
+    found = [Finding(kind=Kind.PLANE, text=f"{sentence}; x and y are those of the file, and the lens is not corrected")]
+    return [*found, *([Finding(kind=Kind.MEASURES_IN_A_PLANE, text=unused)] if measures else [])]
 
 
 def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least: float) -> list[Finding]:
@@ -157,7 +149,7 @@ def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least:
         return []
     count = int(unlikely.sum())
     text = f"{count} clicks ({count / seen.sum():.1%}) have a likelihood below {least:g} and were not used"
-    return [Finding(kind="likelihoods", text=text, numbers={"clicks": count})]
+    return [Finding(kind=Kind.LIKELIHOODS, text=text, numbers={"clicks": count})]
 
 
 def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, loose: bool) -> list[Finding]:
@@ -174,15 +166,15 @@ def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, 
         "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
         "deviations along the line of sight are the largest"
     )
-    found = [Finding(kind="one camera", text=alone)]
+    found = [Finding(kind=Kind.ONE_CAMERA, text=alone)]
     if other is not None:
         text = f"the pose or its mirror image: the other has a probability of {other:.0%}, and intervals cover both"
-        found.append(Finding(kind="mirror image", text=text, numbers={"probability": other}))
+        found.append(Finding(kind=Kind.MIRROR_IMAGE, text=text, numbers={"probability": other}))
     if strange:
         usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
         worse = "have larger reprojection errors than the model states" if trials == 1 else usual
         text = f"{strange} frames show poses unlike those of the trials and were left empty: seen markers {worse}"
-        found.append(Finding(kind="unlike poses", text=text, numbers={"frames": strange}))
+        found.append(Finding(kind=Kind.UNLIKE_POSES, text=text, numbers={"frames": strange}))
     if (wider > 1).any():
         share, times = float(np.mean(wider > 1)), float(np.sqrt(np.mean(wider[wider > 1] ** 2)))
         text = (
@@ -190,24 +182,24 @@ def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, 
             f"{wider.max():.2f}) as the model states, as trials erred that were left out of it"
         )
         found.append(
-            Finding(kind="wider intervals", text=text, numbers={"share": share, "times": times, "most": wider.max()})
+            Finding(kind=Kind.WIDER_INTERVALS, text=text, numbers={"share": share, "times": times, "most": wider.max()})
         )
     if trials == 1:
         text = (
             "the model was learned from one trial, which cannot show how another differs: intervals are those of its "
             "halves; learn from two or more"
         )
-        found.append(Finding(kind="one trial", text=text))
+        found.append(Finding(kind=Kind.ONE_TRIAL, text=text))
     if loose:
         text = "no poses fit both the pixels and the bones of the model: check that it is of this animal"
-        found.append(Finding(kind="bones not kept", text=text))
+        found.append(Finding(kind=Kind.BONES_NOT_KEPT, text=text))
     return found
 
 
 def unknown_corner(corner: str) -> Finding:
     """Where pixels of one camera are taken to be counted from."""
     text = f"pixels were taken to be counted from the {corner} corner, which one camera cannot tell: state `origin`"
-    return Finding(kind="pixel origin", text=text)
+    return Finding(kind=Kind.PIXEL_ORIGIN, text=text, mends=("origin",))
 
 
 def never_together(xyz_m: Array) -> list[Finding]:
@@ -217,14 +209,14 @@ def never_together(xyz_m: Array) -> list[Finding]:
     """
     seen = np.isfinite(xyz_m[..., 0])
     seen = seen[:, seen.any(axis=0)]
-    if seen.shape[1] < 4 or (seen.mean(axis=1) >= TOGETHER).any():
+    if seen.shape[1] < POSE_MARKERS or shows_a_pose(seen).any():
         return []
     most = int(seen.sum(axis=1).max())
     text = (
         f"no frame shows more than {most} of the {seen.shape[1]} points: if they are separate animals, track each by "
         "itself; lengths, poses and the path of the body mean nothing of all of them"
     )
-    return [Finding(kind="never together", alarm=True, text=text, numbers={"most": most})]
+    return [Finding(kind=Kind.NEVER_TOGETHER, alarm=True, text=text, numbers={"most": most})]
 
 
 def too_narrow(nis_per_row: float | None) -> list[Finding]:
@@ -233,7 +225,7 @@ def too_narrow(nis_per_row: float | None) -> list[Finding]:
         return []
     times = float(np.sqrt(nis_per_row))
     text = f"prediction errors are {times:.1f} times as large as the filter expects: its intervals are too narrow by "
-    return [Finding(kind="intervals", alarm=True, text=f"{text}that factor", numbers={"times": times})]
+    return [Finding(kind=Kind.INTERVALS, alarm=True, text=f"{text}that factor", numbers={"times": times})]
 
 
 def no_joints(skeleton: Skeleton) -> Finding:
@@ -246,7 +238,7 @@ def no_joints(skeleton: Skeleton) -> Finding:
             "estimated without what is not stated. The command mocap skeleton proposes what the recording shows. State "
             'the rest yourself ([joints], elbow = ["shoulder", "elbow", "wrist"]), and give it as `skeleton`'
         )
-    return Finding(kind="joints", alarm=True, text=text)
+    return Finding(kind=Kind.JOINTS, alarm=True, text=text)
 
 
 def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) -> list[Finding]:
@@ -257,7 +249,7 @@ def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) ->
     by_marker = f": {', '.join(f'{names[m]} ({mask[:, m].sum()})' for m in which)}" if names else ""
     return [
         Finding(
-            kind=f"rejected: {reason}",
+            kind=Kind(f"rejected: {reason}"),
             text=f"{_counted(mask, 'sample')} rejected ({(REASONS | DOUBTFUL)[reason]}){by_marker}",
             numbers={"samples": int(mask.sum())},
             markers=tuple(names[m] for m in which),
@@ -273,7 +265,7 @@ def hand_findings(apart: NDArray[np.int64], names: Sequence[str], *, first: int 
     places = ", ".join(f"{name} in frame {frame}" for frame, name in where[:MOST])
     return [
         Finding(
-            kind="corrections by hand",
+            kind=Kind.BY_HAND,
             alarm=True,
             text=f"points digitised by hand disagree between cameras ({places}{', ...' if len(where) > MOST else ''}): "
             "the marker was put between them; check these images",
@@ -290,7 +282,7 @@ def wrong_rays(mask: NDArray[np.bool_]) -> Finding:
         f"{_counted(mask, 'ray')} rejected (of two cameras that disagree in some frames the one that the motion and "
         "the other markers contradict)"
     )
-    return Finding(kind="rejected: rays", text=text, numbers={"rays": int(mask.sum())})
+    return Finding(kind=Kind.REJECTED_RAYS, text=text, numbers={"rays": int(mask.sum())})
 
 
 def _counted(mask: NDArray[np.bool_], what: str) -> str:
@@ -328,7 +320,7 @@ def exchange_findings(
         a, b, start, end = names[swap.a], names[swap.b], *(first + 1 + int(swap.frames[k]) for k in (0, -1))
         out.append(
             Finding(
-                kind="identity switch",
+                kind=Kind.IDENTITY_SWITCH,
                 text=f"identity switch: {a} and {b} have each other's names{where} from frame {start} to {end}: "
                 f"swapped back in {len(swap.frames)} frames",
                 cameras=seen_by,
@@ -338,13 +330,13 @@ def exchange_findings(
         )
     if short:
         text = f"{short} identity switches of one or two frames: the names were swapped back"
-        out.append(Finding(kind="short identity switches", text=text, numbers={"switches": short}))
+        out.append(Finding(kind=Kind.SHORT_SWITCHES, text=text, numbers={"switches": short}))
     if clicks:
         text = (
             f"{clicks} digitised points left out: in their frames cameras disagree on which of two markers is which, "
             "and neither the rays nor the paths decide it"
         )
-        out.append(Finding(kind="ambiguous clicks", text=text, numbers={"clicks": clicks}))
+        out.append(Finding(kind=Kind.AMBIGUOUS_CLICKS, text=text, numbers={"clicks": clicks}))
     return [*out, *rejected("doubtful_name", doubtful)]
 
 
@@ -363,7 +355,7 @@ def likelihood_findings(
         return []
     if found is None:
         text = "too few points are seen by two cameras of higher likelihood to learn what likelihoods mean"
-        return [Finding(kind="likelihoods", text=f"likelihoods were not used: {text}")]
+        return [Finding(kind=Kind.LIKELIHOODS, text=f"likelihoods were not used: {text}")]
     weak = found.factor > 1.05
     sentence = "errors do not depend on the likelihood"
     if weak.any():
@@ -375,14 +367,14 @@ def likelihood_findings(
             "point"
         )
     text = f"points are weighted by likelihood, as learned from reprojection errors: {sentence}"
-    return [Finding(kind="likelihoods", text=text, numbers={"clicks": left_out, "samples": lost})]
+    return [Finding(kind=Kind.LIKELIHOODS, text=text, numbers={"clicks": left_out, "samples": lost})]
 
 
 def never_seen(xyz_m: Array, names: Sequence[str], plane: Plane | None = None) -> list[Finding]:
     """The markers that no frame of (T, M, 3) points has, if there are any."""
     never = tuple(names[int(m)] for m in np.flatnonzero(~np.isfinite(xyz_m[..., 0]).any(axis=0)))
     text = f"never seen{' in 3D' if plane is None else ''}, and left empty: {', '.join(never)}"
-    return [Finding(kind="never seen", alarm=True, text=text, markers=never)] if never else []
+    return [Finding(kind=Kind.NEVER_SEEN, alarm=True, text=text, markers=never)] if never else []
 
 
 def camera_findings(health: CameraHealth, names: Sequence[str], *, first: int = 0) -> list[Finding]:
@@ -404,5 +396,7 @@ def camera_findings(health: CameraHealth, names: Sequence[str], *, first: int = 
         if len(names) == 3:
             sentence += " (with three cameras it may also be another one: two cameras alone hardly check each other)"
         frames = (first + bad.start + 1, first + bad.stop)
-        out.append(Finding(kind="bad camera", alarm=True, text=sentence, cameras=(names[bad.camera],), frames=frames))
+        out.append(
+            Finding(kind=Kind.BAD_CAMERA, alarm=True, text=sentence, cameras=(names[bad.camera],), frames=frames)
+        )
     return out

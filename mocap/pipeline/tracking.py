@@ -1,6 +1,6 @@
 """Learn motion models from a recording that was cleaned, and track with them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.audit import Jump
 from mocap.cameras.triangulate import project
 from mocap.cleaning.bias import lasting_share
+from mocap.cleaning.clean import POSE_MARKERS, POSE_SHARE, shows_a_pose
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
@@ -23,7 +25,6 @@ from mocap.filters.records import Estimate
 from mocap.filters.velocities import Motion, RatePoints, without_rates
 from mocap.joints import joint_variables
 from mocap.pipeline.recording import Recording, limb_variables, of_points
-from mocap.pipeline.sentences import TOGETHER
 from mocap.pipeline.variables import VARIABLES, Values
 from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
@@ -32,6 +33,8 @@ from mocap.skeleton import Skeleton
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
 
+POSE_FRAMES = 40
+"""Frames that a pose is learned from at least. Chosen, not measured."""
 FAR = 3.0
 """A sample is not called measured if it lies more than so many standard deviations from where it was measured."""
 MOVED = {"moved": f"the track lies more than {FAR:g} standard deviations from where the sample was measured"}
@@ -56,15 +59,16 @@ def seen_part(recording: Recording) -> Recording:
 def why_no_pose(part: Recording) -> str | None:
     """Why a whole-pose model cannot be learned from the seen part of a recording; None where it can."""
     seen = np.isfinite(part.xyz_m[..., 0])
-    if seen.shape[1] < 4:
-        return f"only {seen.shape[1]} markers are seen: a pose needs at least 4"
+    if seen.shape[1] < POSE_MARKERS:
+        return f"only {seen.shape[1]} markers are seen: a pose needs at least {POSE_MARKERS}"
     spread = np.nanstd(part.xyz_m, axis=0)
     noise = np.sqrt(np.nanmedian(np.trace(part.cov_m2, axis1=-2, axis2=-1)) / 3) / part.stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
         return "no marker moves by more than its noise"
-    together = int((seen.mean(axis=1) >= TOGETHER).sum())
-    if together < 40:
-        return f"only {together} frames show 60 % of the markers together: a pose needs at least 40"
+    together = int(shows_a_pose(seen).sum())
+    if together < POSE_FRAMES:
+        share = f"{100 * POSE_SHARE:g} %"
+        return f"only {together} frames show {share} of the markers together: a pose needs at least {POSE_FRAMES}"
     return None
 
 
@@ -172,7 +176,7 @@ def with_track(
     off, far = moved(recording, xyz, cov)
     far &= (origin == Status.MEASURED) & ~recording.edited  # what a person states is believed
     origin[far] = Status.REJECTED
-    cov += jump_cov(recording, xyz, origin)
+    cov += jump_cov(recording.jumps, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
@@ -377,24 +381,23 @@ def moved_report(recording: Recording, markers: MarkerTracks) -> dict[str, objec
     }
 
 
-def jump_cov(recording: Recording, xyz_m: Array, origin: NDArray[np.int8]) -> Array:
+def jump_cov(jumps: Sequence[Jump], xyz_m: Array, origin: NDArray[np.int8]) -> Array:
     """(T, M, 3, 3) covariance of what was filled across a jump, from the last believed sample to the next.
 
     The marker is at one place or at the other, d apart: half of that either way, a covariance of d d^T / 4.
 
     Args:
-        recording: The recording; ``audited`` has its jumps.
+        jumps: Of the recording.
         xyz_m: (T, M, 3) positions of the track.
         origin: (T, M) origin of each sample.
     """
     out = np.zeros((*origin.shape, 3, 3))
-    for jump in (f for f in recording.audited if f.kind == "jump"):
-        for marker in (recording.names.index(name) for name in jump.markers):
-            believed = np.flatnonzero(origin[:, marker] == Status.MEASURED)
-            before, after = believed[believed < jump.frames[1] - 1], believed[believed >= jump.frames[1] - 1]
-            if len(before) and len(after):
-                far = (xyz_m[after[0], marker] - xyz_m[before[-1], marker]) / 2
-                out[before[-1] + 1 : after[0], marker] += np.outer(far, far)
+    for jump in jumps:
+        believed = np.flatnonzero(origin[:, jump.marker] == Status.MEASURED)
+        before, after = believed[believed < jump.frames[1]], believed[believed >= jump.frames[1]]
+        if len(before) and len(after):
+            far = (xyz_m[after[0], jump.marker] - xyz_m[before[-1], jump.marker]) / 2
+            out[before[-1] + 1 : after[0], jump.marker] += np.outer(far, far)
     return out
 
 

@@ -14,7 +14,7 @@ from mocap.cameras.camera import Camera
 from mocap.cameras.lens import MODELS, Lens
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, beside
-from mocap.findings import Finding
+from mocap.findings import Finding, Kind
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.io.tables import WORDS
 from mocap.joints import FRAMES
@@ -123,12 +123,13 @@ _CAMERA: Schema = {
     "coefficients": Entry(shape=(None,), needed=False),
 }
 _FINDING: Schema = {
-    "kind": Entry(kind="s"),
+    "kind": Entry(kind="s", words=tuple(Kind)),
     "text": Entry(kind="s"),
     "alarm": Entry(kind="b"),
     "cameras": Entry(kind="s", shape=(None,)),
     "markers": Entry(kind="s", shape=(None,)),
     "frames": Entry(kind="i", shape=(None,)),
+    "mends": Entry(kind="s", shape=(None,), needed=False),
 }
 _POTENTIAL: Schema = {"frame": Entry(kind="s", words=FRAMES), "scale_m": Entry(least=POSITIVE)}
 
@@ -249,11 +250,11 @@ def _findings(where: str, header: Mapping[str, Any]) -> tuple[Finding, ...]:
     found = tables(f"{where}: findings", every, _FINDING, again=_AGAIN)
     return tuple(
         Finding(
-            kind=one["kind"][()],
+            kind=Kind(one["kind"][()]),
             text=one["text"][()],
             alarm=bool(one["alarm"]),
             numbers=raw["numbers"] if isinstance(raw.get("numbers"), dict) else {},
-            **{part: tuple(one[part].tolist()) for part in ("cameras", "markers", "frames")},
+            **{part: tuple(one[part].tolist()) for part in ("cameras", "markers", "frames", "mends") if part in one},
         )
         for one, raw in zip(found, every, strict=True)
     )

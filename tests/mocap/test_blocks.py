@@ -17,7 +17,7 @@ from docs.tools import columns
 from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
-from mocap.findings import Finding, over_blocks
+from mocap.findings import Finding, Kind, over_blocks
 from mocap.io.output import result_folder
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
 from mocap.pipeline.cleaning import clean
@@ -238,8 +238,8 @@ def test_findings_of_blocks():
     """What many blocks find is one finding, whatever its numbers; of other markers or cameras it is another one."""
     blocks = [
         [
-            Finding(kind="noise", text=f"noise of 0.{number} mm", numbers={"mm": number / 10}),
-            Finding(kind="switch", text=f"{marker} from frame {number}", markers=(marker,)),
+            Finding(kind=Kind.POSITION_NOISE, text=f"noise of 0.{number} mm", numbers={"mm": number / 10}),
+            Finding(kind=Kind.IDENTITY_SWITCH, text=f"{marker} from frame {number}", markers=(marker,)),
         ]
         for number, marker in ((1, "a"), (2, "b"), (3, "a"))
     ]
@@ -248,7 +248,10 @@ def test_findings_of_blocks():
         "a from frame 1 (and in 1 other block, with their own numbers)",
         "b from frame 2",
     ]
-    late = [Finding(kind="late", text=" ".join(names), cameras=names) for names in (("1", "2"), ("2", "3"), ("2",))]
+    late = [
+        Finding(kind=Kind.CAMERA_OFFSET, text=" ".join(names), cameras=names)
+        for names in (("1", "2"), ("2", "3"), ("2",))
+    ]
     assert [str(one) for one in over_blocks([[one] for one in late])] == [
         "1 2 (and in 1 other block, with their own numbers)",
         "2 3",

@@ -94,7 +94,7 @@ def test_a_gap_across_a_jump_is_not_filled_with_confidence():
     line = np.array([np.interp(np.arange(200), np.r_[:99, 100:200], np.delete(x, 99)) for x in xyz[:, marker].T])
     filled = xyz.copy()
     filled[:, marker] = line.T
-    sd = np.sqrt(np.diagonal(jump_cov(prepared, filled, origin), axis1=-2, axis2=-1))
+    sd = np.sqrt(np.diagonal(jump_cov(prepared.jumps, filled, origin), axis1=-2, axis2=-1))
     before, after = bat.truth.xyz_m[99:100, marker], bat.truth.xyz_m[99:100, marker] + [0.203, 0, 0]
     for place in (before, after):
         assert (np.abs(filled[99:100, marker] - place)[:, 0] < 2 * sd[99:100, marker, 0]).all()

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mocap.datasets import make_bat, write_recording
 
+from mocap.findings import Kind
 from mocap.io.dltdv import read_points
-from mocap.io.unstated_unit import UNIT
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.tracking import marker_trial, seen_part
@@ -80,7 +80,7 @@ def test_what_contradicts_the_pixels_is_said_first(source, stating, plain, tmp_p
         contradicted = [f for f in findings if f.kind == "pixel noise"]
         told = [f"`pixel_sd` {stated:g}" in f.text and said in f.text for f in contradicted]
         assert told == [True] * (said is not None)
-        others = [f for f in findings if f.kind != UNIT]  # which is said before all else
+        others = [f for f in findings if f.kind != Kind.ASSUMED_UNIT]  # which is said before all else
         assert not contradicted or others[0] == contradicted[0]
     assert not any(f.kind == "pixel noise" for f in plain.findings)
 

@@ -13,9 +13,10 @@ import mocap
 from mocap.cameras.camera import decompose, project, stacked
 from mocap.cli.main import main
 from mocap.errors import FormatError
+from mocap.findings import Kind
 from mocap.io.dltdv import write_coefficients
 from mocap.io.registry import read
-from mocap.io.unstated_unit import UNIT, XRAYED_M, guessed, in_metres, length, of_cameras
+from mocap.io.unstated_unit import XRAYED_M, guessed, in_metres, length, of_cameras
 from mocap.pipeline.cleaning import clean
 from tests.real_data import real
 
@@ -156,7 +157,7 @@ def test_a_calibration_in_millimetres(tmp_path):
     assert assumed.findings[0].text.startswith(
         "NO UNIT IS STATED: lengths are assumed to be in mm, so that the animal is "
     )
-    assert not [finding for finding in stated.findings if finding.kind == UNIT]
+    assert not [finding for finding in stated.findings if finding.kind == Kind.ASSUMED_UNIT]
     np.testing.assert_allclose(assumed.xyz_m, stated.xyz_m)
     np.testing.assert_allclose(length(assumed.xyz_m), length(bat.truth.xyz_m), rtol=0.05)  # without hidden tips
 

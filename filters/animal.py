@@ -9,9 +9,10 @@ from mocap.filters.tree import left_jacobian
 from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial.transform import Rotation
 
-from eal import EmpiricalPotential, bounds
+from eal import bounds
 from eal.arrays import Array, skew
 from eal.integrators import IntegrationError
+from eal.potential import EmpiricalPotential
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

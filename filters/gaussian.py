@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from mocap.filters.ensemble import cholesky
+from mocap.filters.factors import cholesky
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
 

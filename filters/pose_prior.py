@@ -15,8 +15,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from eal import EmpiricalPotential
 from eal.arrays import Array
+from eal.potential import EmpiricalPotential
 
 LEAST_MARKERS = 4
 """Markers that a frame must show: a pose has six numbers of place and orientation, a ray two, and

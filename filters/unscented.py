@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, Prediction, predict, smooth_step, triangular, update
+from mocap.filters.ensemble import Gaussian, Prediction, predict, smooth_step, update
+from mocap.filters.factors import triangular
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time

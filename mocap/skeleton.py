@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -272,8 +273,8 @@ _ENTRIES: Schema = {
 _KEYS = {"name", "markers", "bones", "bodies", "joints", "trunk", "aliases", "max_speed_m_s", "measures"}
 
 
-def read_skeleton(path: Path) -> Skeleton:
-    """Read a skeleton, or a model as one (``.osim``, ``.bioMod``, ``.urdf``, MJCF's ``.xml``; ``model_skeleton``).
+def skeleton_from_toml(path: Path) -> Skeleton:
+    """Read a skeleton's own file.
 
     ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes;
     ``trunk = [...]``; ``max_speed_m_s = 20.0``; a table ``[joints]`` with ``elbow = ["shoulder", "elbow", "wrist"]``;
@@ -282,10 +283,7 @@ def read_skeleton(path: Path) -> Skeleton:
 
     Raises:
         SkeletonError: the file cannot be read as that.
-        MissingPackageError: a library that reads the model is not installed.
     """
-    if is_model(path):
-        return read_model(path)[0]
     try:
         text, _ = decoded(path, regular_bytes(path))  # > of PowerShell writes UTF-16, that of cmd Windows-1252
     except OSError as error:
@@ -316,30 +314,6 @@ def read_skeleton(path: Path) -> Skeleton:
         raise SkeletonError(f"{path}: {error}") from None
 
 
-def is_model(path: Path) -> bool:
-    """Whether a file is a model of another program, by the end of its name."""
-    return path.suffix.lower() in (".osim", ".biomod", ".urdf", ".xml", ".mjcf")
-
-
-def read_model(path: Path) -> tuple[Skeleton, str]:
-    """A model as a skeleton, and as a skeleton file that says what was not taken.
-
-    Raises:
-        SkeletonError: the file cannot be read as that.
-        MissingPackageError: a library that reads the model is not installed.
-    """
-    from mocap.skeleton_models import model_skeleton  # which loads scipy.spatial
-
-    try:
-        parts, comments = model_skeleton(path)
-        skeleton = Skeleton(**parts)
-    except (OSError, FormatError) as error:
-        raise SkeletonError(str(error)) from None
-    except SkeletonError as error:
-        raise SkeletonError(f"{path}: {error}") from None
-    return skeleton, skeleton_text(skeleton, comments=comments)
-
-
 def _named(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     """A table of the file by its names."""
     found = table.get(key, {})
@@ -355,7 +329,7 @@ def quoted(value: object) -> str:
 
 
 def skeleton_text(skeleton: Skeleton, *, comments: Mapping[str, Sequence[str]] | None = None) -> str:
-    """A skeleton as ``read_skeleton`` reads it.
+    """A skeleton as ``skeleton_from_toml`` reads it.
 
     Args:
         skeleton: What to write.
@@ -395,7 +369,7 @@ def skeleton_text(skeleton: Skeleton, *, comments: Mapping[str, Sequence[str]] |
 
 
 def write_skeleton(path: Path, skeleton: Skeleton) -> None:
-    """Write a skeleton as ``read_skeleton`` reads it."""
+    """Write a skeleton as ``skeleton_from_toml`` reads it."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         stream.write(skeleton_text(skeleton))
 
@@ -429,3 +403,10 @@ def _body(name: str, entry: Any) -> tuple[str, ...]:
 
 def _is_text(entry: Any) -> bool:
     return isinstance(entry, list | tuple) and all(isinstance(one, str) for one in entry)
+
+
+def __getattr__(name: str) -> Any:
+    """Names that moved to ``mocap.skeleton_files``, which knows the models of other programs too."""
+    if name in ("is_model", "read_model", "read_skeleton"):
+        return getattr(import_module("mocap.skeleton_files"), name)
+    raise AttributeError(f"module 'mocap.skeleton' has no attribute {name!r}")

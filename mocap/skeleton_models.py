@@ -535,4 +535,4 @@ MODELS: dict[str, Callable[[Path], list[Part]]] = {
     ".xml": _mujoco,
     ".mjcf": _mujoco,
 }
-"""What reads a model, by the end of its name (``skeleton.is_model``)."""
+"""What reads a model, by the end of its name (``skeleton_files.is_model``)."""

@@ -211,6 +211,36 @@ def test_the_table_allows_no_more_than_is_imported(package):
     assert not ALLOWED[package] - taken, f"take these out of the table of {package}"
 
 
+FACES_OF_USERS = {"eal"}
+"""Packages whose public names are for users; in the tree a name is taken from the file that owns it: who needs one
+potential does not stand on all of eal."""
+STILL = {"mocap/results/stored.py"}
+"""Files that take one from a face all the same; none is added."""
+
+
+def from_faces(source: str) -> list[str]:
+    """The names that a source file takes from a face instead of the file that owns them."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and not node.level and node.module in FACES_OF_USERS:
+            below = {path.stem for path in (ROOT / node.module).iterdir()}
+            found += [f"{node.module}.{alias.name}" for alias in node.names if alias.name not in below]
+    return found
+
+
+@pytest.mark.parametrize("package", ALLOWED)
+def test_names_are_taken_from_the_file_that_owns_them(package):
+    """A face imports everything that its package offers, and so does who imports it."""
+    found = {path: from_faces(source) for path, source in sources(package).items() if path not in STILL}
+    assert not {path: names for path, names in found.items() if names}
+
+
+def test_a_name_from_a_face_is_seen():
+    """Of two imports that look alike one is a name, the other a file."""
+    assert from_faces("from eal import compare, npz") == ["eal.compare"]
+    assert not from_faces("from eal.comparison import compare\nfrom eal import archive")
+
+
 def test_no_rooms_import_each_other():
     """Two rooms that import each other, by whatever others, are one room in two places."""
     assert not circle(ALLOWED)

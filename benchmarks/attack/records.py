@@ -45,7 +45,8 @@ from mocap.pipeline.job import run_job
 from mocap.pipeline.model_file import load_model, save_model
 from mocap.results.stored import read_recording
 from mocap.results.tables import write_run
-from mocap.skeleton import quoted, read_skeleton
+from mocap.skeleton import quoted
+from mocap.skeleton_files import read_skeleton
 
 Tampering = Callable[[Any], Any]
 DIGITS = "9" * 100_000

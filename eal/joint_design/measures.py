@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eal import EmpiricalPotential
 from eal.arrays import Array
 from eal.joint_design.path import over_grid
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss
+from eal.potential import EmpiricalPotential
 from eal.radius import resampled_values
 
 LEVELS = (0.25, 0.5, 0.75)

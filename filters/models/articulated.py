@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy, Limb
@@ -11,7 +10,6 @@ from mocap.filters.bones import RIGID
 from mocap.filters.errors import FilterError
 from mocap.filters.joint_types import Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from mocap.filters.models.lagrangian import with_lagrangian
 from mocap.filters.models.limbs import held_together, known_poses, sides
 from mocap.filters.models.pose import WEIGHT, PoseSettings, learn_pose, recorded_motion
 from mocap.filters.motion.articulated import ArticulatedMotion
@@ -42,9 +40,6 @@ MOST_FRAMES = 4000
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
 ANGLES = PoseSettings(ranks=(8,), bones=0.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
-Mechanics = Literal["linear", "lagrangian"]
-LAGRANGIAN = replace(ANGLES, potential="limbs", regression=0.0)
-"""V_z of each limb's joint angles as a potential energy, and no regression on other markers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,20 +49,14 @@ class ArticulatedSettings(TrajectoryModel):
     Attributes:
         pose: How joint angles move, as the pose model's settings for marker coordinates; without bones, whose length
             the segments keep.
-        mechanics: ``linear``: learned ones of a subspace of the angles; ``lagrangian``: those of the whole animal with
-            its true mass matrix (``mocap.filters.animal``).
-        trunk: Of the Lagrangian, factor on the mass of the trunk. Ground and air push back at what limbs do to it: at 1
-            the trunk recoils from every muscle as if the animal were alone in space, much above it is held.
     """
 
     pose: PoseSettings = ANGLES
-    mechanics: Mechanics = "linear"
-    trunk: float = 1000.0
 
     @property
     def description(self) -> str:
         """Its name."""
-        return "Lagrangian" if self.mechanics == "lagrangian" else "joint angles"
+        return "joint angles"
 
     def applies(self, anatomy: Anatomy) -> bool:
         """Of an animal with rigid bones."""
@@ -83,9 +72,13 @@ class ArticulatedSettings(TrajectoryModel):
         Raises:
             FilterError: no bones are known by which segments could hang on each other.
         """
-        model = learn_articulated(_taught_by(trials.trials), trials.anatomy, self)
+        model = self.learned(_taught_by(trials.trials), trials.anatomy)
         model = replace(model, regression=self.pose.regressed(trials))
         return FittedMotion(model, trials.trials[-1].t_s, trials.rigid)
+
+    def learned(self, trials: Sequence[MarkerTrial], anatomy: Anatomy) -> ArticulatedMotion:
+        """The model of trials, for tracking the last one."""
+        return learn_articulated(trials, anatomy, self.pose).model
 
 
 def _taught_by(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:
@@ -265,11 +258,30 @@ def lengths(build: Build, body: Array, sd_m: Array) -> tuple[Array, Array]:
     return length, spread / (2 * length)
 
 
-def learn_articulated(
-    trials: Sequence[MarkerTrial], anatomy: Anatomy, settings: ArticulatedSettings
-) -> ArticulatedMotion:
-    """Learn the model from trials, for tracking the last one."""
-    pose, tree_anatomy = settings.pose, rooted(anatomy)
+@dataclass(frozen=True, eq=False)
+class Articulated:
+    """What trials taught.
+
+    Attributes:
+        model: Joints and how their angles move, for tracking the last trial.
+        angles: Joint angles of the trials in arc length, three columns a joint.
+        shapes: Their subspace.
+    """
+
+    model: ArticulatedMotion
+    angles: Sequence[PoseTrial]
+    shapes: Shapes
+
+
+def learn_articulated(trials: Sequence[MarkerTrial], anatomy: Anatomy, pose: PoseSettings = ANGLES) -> Articulated:
+    """Learn the model from trials, for tracking the last one.
+
+    Args:
+        trials: The trials.
+        anatomy: The animal.
+        pose: How joint angles move (``ArticulatedSettings.pose``).
+    """
+    tree_anatomy = rooted(anatomy)
     poses = poses_of(trials, anatomy.trunk)
     body = [trial.y.reshape(len(trial.y), -1, 3) for trial in poses]
     noise = [trial.sd_m for trial in trials]
@@ -320,10 +332,7 @@ def learn_articulated(
             / residual_memory_s([one.reshape(len(one), -1) for one in left], poses[-1].dt_s, radian(shapes)),
         }
     )
-    if settings.mechanics == "linear":
-        return model
-    motion = recorded_motion(turned, shapes)
-    return with_lagrangian(model, motion, pose, anatomy, trunk=settings.trunk if anatomy.limbs else 1.0)
+    return Articulated(model, turned, shapes)
 
 
 def _with_riders(

@@ -1,22 +1,26 @@
 """What an animal's Lagrangian learns from trials: elastic joints, damping, V_z of limbs, noise of the joints."""
 
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.animal import Animal, Valley
 from mocap.filters.bodies import Bodies, cloud, rod, rod_masses
-from mocap.filters.models.pose import PoseSettings, unseen_potential
+from mocap.filters.models.articulated import ANGLES, ArticulatedSettings, learn_articulated
+from mocap.filters.models.pose import PoseSettings, recorded_motion, unseen_potential
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.lagrangian import LagrangianMotion
 from mocap.filters.motion.potential import PosePotential
 from mocap.filters.motion.shape import Motion, unexplained
-from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF
+from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, MarkerTrial
 from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
-from eal import EmpiricalPotential, RotationKernel
 from eal.arrays import Array
+from eal.kernels import Kernel
+from eal.potential import EmpiricalPotential
+from eal.rotations import RotationKernel
 
 FLESH = 0.3
 """Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest.
@@ -24,6 +28,34 @@ Chosen on one flight of a bat (docs/experiments/joints_measured.md)."""
 CHARGED = 0.1
 """An unseen pose of the same motion is charged so much of the mean kinetic energy. Of 0.03, 0.1 and 0.3
 chosen on one flight of a bat (docs/experiments/joints_measured.md)."""
+
+LAGRANGIAN = replace(ANGLES, potential="limbs", regression=0.0)
+"""V_z of each limb's joint angles as a potential energy, and no regression on other markers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LagrangianSettings(ArticulatedSettings):
+    """Choices of the articulated model with the mechanics of the whole animal, its true mass matrix and all.
+
+    Attributes:
+        pose: Noise and potentials of the joint angles.
+        trunk: Factor on the mass of the trunk. Ground and air push back at what limbs do to it: at 1 the trunk recoils
+            from every muscle as if the animal were alone in space, much above it is held.
+    """
+
+    pose: PoseSettings = LAGRANGIAN
+    trunk: float = 1000.0
+
+    @property
+    def description(self) -> str:
+        """Its name."""
+        return "Lagrangian"
+
+    def learned(self, trials: Sequence[MarkerTrial], anatomy: Anatomy) -> LagrangianMotion:
+        """The model of trials, for tracking the last one."""
+        found = learn_articulated(trials, anatomy, self.pose)
+        motion = recorded_motion(found.angles, found.shapes)
+        return with_lagrangian(found.model, motion, self.pose, anatomy, trunk=self.trunk if anatomy.limbs else 1.0)
 
 
 def bodies_of(model: ArticulatedMotion, anatomy: Anatomy, trunk: float) -> Bodies:
@@ -77,7 +109,7 @@ def with_lagrangian(
         settings: Noise and potentials: with ``limbs`` V_z of each limb's joint angles is a potential energy, with
             ``limb motion`` a density of angles and velocities updates the prediction, and is no part of the Lagrangian.
         anatomy: Masses.
-        trunk: Factor on the mass of the root (``ArticulatedSettings.trunk``).
+        trunk: Factor on the mass of the root (``LagrangianSettings.trunk``).
     """
     bodies = bodies_of(model, anatomy, trunk)
     arm, basis, own = model.arm_m, model.subspace.basis, model.subspace.residual_sd
@@ -130,24 +162,19 @@ def _valleys(model: ArticulatedMotion, kinetic_j: float, settings: PoseSettings)
     V is the sum over limbs of V_z of poses that it was not learned from (``unseen_potential``), T the mean kinetic
     energy.
     """
-    limbs = [one for one in model.potentials if isinstance(one.potential, EmpiricalPotential)]
+    limbs = [(one, one.potential) for one in model.potentials if isinstance(one.potential, EmpiricalPotential)]
     if settings.potential != "limbs" or not limbs:
         return (), 0.0
-    unseen = sum(float(np.mean(-np.expm1(-_unseen(one)))) for one in limbs)
-    found = [
-        Valley(potential=one.potential, scale=one.on_residual * model.arm_m)
-        for one in limbs
-        if one.potential is not None
-    ]
-    return tuple(found), CHARGED * kinetic_j / max(unseen, 1e-9)
+    unseen = sum(float(np.mean(-np.expm1(-_unseen(one.samples, v.kernel)))) for one, v in limbs)
+    found = tuple(Valley(potential=v, scale=one.on_residual * model.arm_m) for one, v in limbs)
+    return found, CHARGED * kinetic_j / max(unseen, 1e-9)
 
 
-def _unseen(limb: PosePotential) -> Array:
+def _unseen(samples: Array, kernel: Kernel) -> Array:
     """-log(1 - V_z) of poses that it was not learned from, with its own kernel on rotations."""
-    kernel = None if limb.potential is None else limb.potential.kernel
     if not isinstance(kernel, RotationKernel):
-        return unseen_potential(limb.samples)
-    return unseen_potential(limb.samples, over=lambda inner: replace(kernel, kernel=inner))
+        return unseen_potential(samples)
+    return unseen_potential(samples, over=lambda inner: replace(kernel, kernel=inner))
 
 
 def _of_angles(limb: PosePotential, basis: Array) -> PosePotential:

@@ -10,8 +10,8 @@ from mocap.filters.motion.potential import PosePotential, Pull
 from mocap.filters.poses import Shapes, known_shapes
 from mocap.filters.subspace import PoseSubspace
 
-from eal import RotationKernel
 from eal.arrays import Array
+from eal.rotations import RotationKernel
 
 Learn = Callable[..., Callable[[Array], Array]]
 

@@ -21,8 +21,9 @@ from mocap.filters.roughness import marker_rates, out_of_sample
 from mocap.filters.track import filter_forward
 from numpy.typing import NDArray
 
-from eal import EmpiricalPotential, Kernel, fit_potential, usual_kernel
 from eal.arrays import Array
+from eal.kernels import Kernel
+from eal.potential import EmpiricalPotential, fit_potential, usual_kernel
 
 Over = Callable[[Kernel], Kernel]
 """Makes a kernel of another one."""

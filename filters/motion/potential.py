@@ -8,12 +8,12 @@ paper's theorems on trajectories say nothing of it.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from mocap.filters.gaussian import Markers, Moments, Smoothed, Update, condition, pushed
 from numpy.typing import NDArray
 
-from eal import EmpiricalPotential
 from eal.arrays import Array
 
 
@@ -168,6 +168,18 @@ def bones_term(bones: Bones, markers: Markers, stiffness: float) -> Term:
     return Term(view.combined(along), along @ markers.gains, (bones.length_m - distance - longer) / sd)
 
 
+class Barrier(Protocol):
+    """V >= 0 that pulls at any distance: an ``eal.EmpiricalPotential``, or whatever answers the same."""
+
+    def value(self, q: Array, /) -> Array:
+        """V: (..., d) to (...)."""
+        ...
+
+    def barrier_gradient(self, q: Array, /) -> Array:
+        """Gradient of -log(1 - V): (..., d) to (..., d)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pull:
     """Gradient of -log(1 - V_z) / eps^2 a second: as of V_z near the data, but it pulls at any distance.
@@ -177,7 +189,7 @@ class Pull:
         stiffness: 1/eps^2 a second.
     """
 
-    potential: EmpiricalPotential
+    potential: Barrier
     stiffness: float
 
     def __call__(self, x: Array) -> Array:
@@ -205,7 +217,7 @@ class PosePotential:
     on_residual: Array
     samples: Array
     gradient: Callable[[Array], Array]
-    potential: EmpiricalPotential | None = None
+    potential: Barrier | None = None
     root: int = -1
     children: tuple[int, ...] = ()
 

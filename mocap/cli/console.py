@@ -1,13 +1,11 @@
 """Output of the commands: progress, findings, what was written; names and paths cannot control the terminal."""
 
-import json
 import shlex
 import shutil
 import subprocess
 import sys
-import textwrap
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook,
 from rich.segment import Segment
 
 from mocap.progress import bars
-from mocap.text import OTHER_OPTIONS, number_of, visible, with_options
+from mocap.text import OTHER_OPTIONS, visible, with_options
 
 
 class _Visible:
@@ -62,31 +60,31 @@ def option_names(command: Any) -> dict[str, str]:
     return found | OTHER_OPTIONS
 
 
-def _with_options(text: str) -> str:
+def in_options(text: str) -> str:
     """A message with options in place of arguments; the commands are looked at only where there is one."""
     return with_options(text, option_names(_commands[0]())) if _commands and "`" in text else text
 
 
 def say(*lines: str) -> None:
     """Lines on stderr, none broken."""
-    errors.print(visible(_with_options("\n".join(lines))), soft_wrap=True)
+    errors.print(visible(in_options("\n".join(lines))), soft_wrap=True)
 
 
 def say_error(text: str) -> None:
     """One line on stderr that tells what went wrong."""
-    errors.print(visible(_with_options("error: " + " ".join(text.split("\n")))), style="red", soft_wrap=True)
+    errors.print(visible(in_options("error: " + " ".join(text.split("\n")))), style="red", soft_wrap=True)
 
 
 def show(markdown: str) -> None:
     """Markdown on stdout."""
     from rich.markdown import Markdown  # a fifth of what a command imports, for few of them
 
-    output.print(Markdown(visible(_with_options(markdown)), hyperlinks=False))
+    output.print(Markdown(visible(in_options(markdown)), hyperlinks=False))
 
 
 def show_text(text: str) -> None:
     """Lines on stdout, none broken."""
-    output.print(visible(_with_options(text)), soft_wrap=True)
+    output.print(visible(in_options(text)), soft_wrap=True)
 
 
 def talk_in_any_encoding(streams: Iterable[object] = ()) -> None:
@@ -126,60 +124,6 @@ class _Lines:
         left = f", about {spent * (1 / share - 1):.0f} s left" if share > 0.05 and spent > 2 else ""
         done = f", {share:.0%} done" if share > 0 else ""
         self.say_line(f"{now - self.begun:.0f} s: {stage}{done}{left}")
-
-
-LINES = 25
-"""A result takes no more lines on a terminal of 80 columns; all else is in the report."""
-
-
-def finish(report: Mapping, text: str, out: Path, *, as_json: bool, verbose: bool, also: Sequence[str] = ()) -> None:
-    """Say where the result is, how to look at it, what is wrong, and what error to expect."""
-    if as_json:
-        print(json.dumps(report))  # noqa: T201
-        return
-    if verbose:
-        show(text)
-    show_text("\n".join(closing(report, out, also=also)))
-
-
-def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str]:
-    """The lines of ``finish``, at most ``LINES`` of 80 columns."""
-    from mocap.pipeline.summary import better, error_lines, length_line, notes
-
-    page = "report.md" if report.get("plane") else "report.html"
-    counts = report["frames"], len(report["markers"]), len(report["cameras"])
-    size = ", ".join(number_of(n, thing) for n, thing in zip(counts, ("frame", "marker", "camera"), strict=True) if n)
-    lines = _indented(f"{report['name']}: {size}", "")
-    kind = "parquet" if "blocks" in report else "csv"
-    lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.{kind}, kinematics.{kind})")
-    if not report.get("plane"):
-        lines += _indented(f"Look:   {typed(program(), 'view', out)}   (in the browser: add --web)")
-    after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
-    after += ["", "Animal", *_indented(length_line(report))]
-    wrong = [_with_options(sentence) for sentence in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]
-    lines += ["", "What is wrong, worst first" if wrong else "Nothing is wrong"]
-    decided = len(notes(report))
-    for shown in range(len(wrong), -1, -1):
-        told = wrong[:shown] or [textwrap.shorten(one, 74, placeholder=" ...") for one in wrong[:1]]  # one line
-        items = [part for k, one in enumerate(told) for part in _indented(f"{k + 1}. {one}", deeper="   ")]
-        more = [f"{len(wrong) - len(told)} more"] if len(told) < len(wrong) else []
-        more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
-        items += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
-        if len(lines) + len(items) + len(after) <= LINES:
-            break
-    return [*lines, *items, *after]
-
-
-def _indented(text: str, indent: str = "  ", *, deeper: str = "  ") -> list[str]:
-    """A sentence broken at 80 columns; words, as paths, stay whole."""
-    return textwrap.wrap(
-        text,
-        80,
-        initial_indent=indent,
-        subsequent_indent=indent + deeper,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
 
 
 def typed(*words: object) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.console import finish, progress, say
+from mocap.cli.console import progress, say
 from mocap.cli.options import AsJson, Force, Jobs, Out, Verbose
 
 
@@ -28,6 +28,7 @@ def demo(
 ) -> None:
     """Track a built-in synthetic recording, and compare the result with its known truth."""
     from mocap import Tracked, processes
+    from mocap.cli.closing import finish
     from mocap.io.output import result_folder
     from mocap.pipeline.demo import run_demo
     from mocap.progress import Stages

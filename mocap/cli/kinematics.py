@@ -48,7 +48,7 @@ def kinematics(
     from mocap.errors import MocapError
     from mocap.io.output import result_folder
     from mocap.results.exports import EXPORTS
-    from mocap.skeleton import read_skeleton
+    from mocap.skeleton_files import read_skeleton
 
     unknown = sorted(set(export or ()) - set(EXPORTS))
     if unknown:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap.cli.console import finish, progress, say, typed
+from mocap.cli.console import progress, say, typed
 from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views, with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
@@ -81,6 +81,7 @@ def track(
     Example: mocap track bat_xypts.csv --calibration bat_dltCoefs.csv --fps 500 --skeleton bat.toml --out out/bat
     """
     import mocap
+    from mocap.cli.closing import finish
     from mocap.io.output import result_folder
     from mocap.pipeline.job import MODELS, existing_model
 

@@ -23,7 +23,8 @@ from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
 from mocap.pipeline.learning import Model, load_model
 from mocap.records import MarkerTracks, PixelTracks, Status
-from mocap.skeleton import Skeleton, read_skeleton
+from mocap.skeleton import Skeleton
+from mocap.skeleton_files import read_skeleton
 
 PathText = str | PathLike[str]
 

@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from eal import EmpiricalPotential, load_potential, npz
+from eal import npz
 from eal.archive import ArchiveError
 from eal.arrays import Array
+from eal.potential import EmpiricalPotential, load_potential
 from mocap.errors import FormatError, MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.model import LearnedModel
@@ -21,7 +22,8 @@ from mocap.pipeline.model_file import load_model
 from mocap.pipeline.potentials import joint_potentials
 from mocap.records import marker_tracks
 from mocap.schema import Entry, Schema, checked
-from mocap.skeleton import Joint, Skeleton, read_skeleton
+from mocap.skeleton import Joint, Skeleton
+from mocap.skeleton_files import read_skeleton
 
 FRAMES = ("limb", "plane", "body", "world")
 FRAME = "limb"

@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from eal import EmpiricalPotential, RotationKernel, choose, fit_potential, usual_kernel
 from eal.arrays import Array, short_repr
+from eal.choice import choose
+from eal.potential import EmpiricalPotential, fit_potential, usual_kernel
+from eal.rotations import RotationKernel
 from mocap.errors import MocapError
 from mocap.kinematics.angles import turns
 from mocap.kinematics.records import Kinematics, Rests

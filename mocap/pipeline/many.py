@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eal import Choice
 from eal.arrays import Array
+from eal.choice import Choice
 from eal.potential import EmpiricalPotential
 from eal.sums import Landmarks, PotentialSums, choose_landmarks, sums_of, total
 from mocap.errors import MocapError

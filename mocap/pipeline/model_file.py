@@ -176,6 +176,7 @@ def read(settings: Any, *, again: str = "learn it again") -> TrajectoryModel:
     Raises:
         FormatError: it has another name, or other settings than its class declares.
     """
+    settings = _separate(settings)
     name = settings.get("model") if isinstance(settings, dict) else settings
     if not isinstance(name, str) or name not in MODELS:
         raise FormatError(f"models: {name!r} is none of {', '.join(MODELS)}: {again}")
@@ -194,6 +195,17 @@ def read(settings: Any, *, again: str = "learn it again") -> TrajectoryModel:
             found = checked(f"models: {name}", settings, {key: _setting(kind)}, again=again)[key].tolist()
             values[key] = tuple(found) if isinstance(found, list) else found
     return MODELS[name](**values)
+
+
+def _separate(settings: Any) -> Any:
+    """Settings that were written before the Lagrangian had some of its own; for one release."""
+    if not isinstance(settings, dict) or settings.get("model") != "articulated" or "mechanics" not in settings:
+        return settings
+    out = {key: value for key, value in settings.items() if key != "mechanics"}
+    if settings["mechanics"] == "lagrangian":
+        return out | {"model": "lagrangian"}
+    out.pop("trunk", None)
+    return out
 
 
 def _setting(kind: Any) -> Entry:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eal import Choice, choose, fit_potential
 from eal.arrays import Array, short_repr
+from eal.choice import Choice, choose
 from eal.plot import plot_potential
-from eal.potential import EmpiricalPotential
+from eal.potential import EmpiricalPotential, fit_potential
 from mocap.records import MarkerTracks, Status
 from mocap.sides import words
 from mocap.skeleton import Skeleton

@@ -30,7 +30,8 @@ from mocap.pipeline.edits import edited, read_edits
 from mocap.pipeline.ideal_pixels import with_ideal_pixels
 from mocap.pipeline.recording import Recording, dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
-from mocap.skeleton import Skeleton, is_model, read_skeleton
+from mocap.skeleton import Skeleton
+from mocap.skeleton_files import is_model, read_skeleton
 from mocap.text import OTHER_OPTIONS, as_text, with_options
 
 PathText = str | PathLike[str]

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from scipy.special import ndtri
 
 from eal.arrays import Z95
-from mocap.filters.models.registry import NAMED
+from mocap.filters.models.named import TITLES
 from mocap.io.unstated_unit import length_text
 from mocap.text import number_of
 
 METHODS = {
-    **{name: (one.title, one.about) for name, one in NAMED.items()},
+    **{name: (one.title, one.about) for name, one in TITLES.items()},
     "mixture": ("mixture", "pose model and constant velocity, weighted by each model's predicted variance"),
     "learned": ("learned model", "the model that mocap learn wrote"),
     "conditional_gaussian": ("conditional Gaussian", "regression on the other markers of the same frame"),
@@ -141,7 +141,7 @@ def better(report: Mapping) -> str | None:
     differ where they are two standard deviations of their difference apart, 2 / sqrt(n).
     """
     found = expected_error(report)
-    models = () if found is None else [name for name in found.others if name in NAMED and NAMED[name].posed]
+    models = () if found is None else [name for name in found.others if name in TITLES and TITLES[name].posed]
     if found is None or not models or found.others[models[0]] >= found.rmse * (1 - 2 / max(found.samples, 4) ** 0.5):
         return None
     best = models[0]

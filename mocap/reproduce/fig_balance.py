@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from eal import EmpiricalPotential
 from eal.arrays import Array
+from eal.potential import EmpiricalPotential
 from mocap.reproduce.draw import Curve, log_log
 from mocap.reproduce.record import Figure, Verdict, judged
 from mocap.reproduce.sweep import (

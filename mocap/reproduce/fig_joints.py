@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from eal import EmpiricalPotential, GaussianKernel, compare, fit_potential, usual_kernel
 from eal.arrays import Array
+from eal.comparison import compare
 from eal.integrators import simulate
+from eal.kernels import GaussianKernel
 from eal.lagrangian import PenalisedModel
+from eal.potential import EmpiricalPotential, fit_potential, usual_kernel
 from eal.stack import PotentialStack
 from eal.systems import free_joint
 from mocap.reproduce.draw import landscape, paths

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from eal.kernels import GaussianKernel
 from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel
 from eal.over_time import OverTime, at_frames
+from eal.potential import EmpiricalPotential, fit_potential
 from eal.radius import valley_covariance
 from eal.systems import GRAVITY_M_S2, free_joint, planar_pendulum, spherical_pendulum
 from mocap.cleaning.click_noise import USUAL_DOF

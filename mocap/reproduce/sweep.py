@@ -7,10 +7,11 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.arrays import Array
 from eal.integrators import integrate_adaptive, simulate
+from eal.kernels import GaussianKernel
 from eal.lagrangian import LagrangianSystem, PenalisedModel
+from eal.potential import EmpiricalPotential, fit_potential
 from eal.stack import PotentialStack
 from eal.systems import (
     Constraint,

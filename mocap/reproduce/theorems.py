@@ -11,10 +11,13 @@ from functools import cache
 import numpy as np
 from scipy.special import bdtr
 
-from eal import GaussianKernel, Projection, bounds, fit_potential
+from eal import bounds
 from eal.arrays import Array
 from eal.integrators import simulate
+from eal.kernels import GaussianKernel
 from eal.lagrangian import PenalisedModel
+from eal.potential import fit_potential
+from eal.spectral import Projection
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce import sweep
 from mocap.reproduce.draw import Curve, log_log

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from eal import Comparison
+from eal.comparison import Comparison
 from mocap.rerun import palette
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import recording_into

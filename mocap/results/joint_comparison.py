@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from eal import Comparison, compare, load_potential
 from eal.archive import ArchiveError
 from eal.arrays import Array
+from eal.comparison import Comparison, compare
+from eal.potential import load_potential
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current_files
 from mocap.rerun.log_comparison import write_comparison_recording

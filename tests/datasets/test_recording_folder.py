@@ -16,7 +16,8 @@ from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.dvproject import read_project
 from mocap.io.profile import with_profile
 from mocap.io.registry import read
-from mocap.skeleton import Skeleton, read_skeleton, write_skeleton
+from mocap.skeleton import Skeleton, write_skeleton
+from mocap.skeleton_files import read_skeleton
 
 
 @pytest.mark.parametrize("make", [make_bat, make_lizard])

@@ -7,9 +7,9 @@ import pytest
 from mocap.filters.animal import Animal, Moving, Valley
 from mocap.filters.bodies import Bodies, cloud, rod
 from mocap.filters.gaussian import Moments
-from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings, learn_articulated
+from mocap.filters.models.articulated import learn_articulated
 from mocap.filters.models.base import TrialSet, estimate
-from mocap.filters.models.lagrangian import inner_mass, with_lagrangian
+from mocap.filters.models.lagrangian import LAGRANGIAN, LagrangianSettings, inner_mass, with_lagrangian
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.shape import Motion
 from mocap.filters.observations import PositionObservations
@@ -160,8 +160,8 @@ def test_what_cannot_be_followed_is_said():
 def arm_motion():
     hidden = slice(100, 125)
     xyz, trial = arm_trial(hidden)
-    settings = ArticulatedSettings(pose=LAGRANGIAN, mechanics="lagrangian")
-    return xyz, hidden, trial, settings, learn_articulated([trial], ARM, settings)
+    settings = LagrangianSettings()
+    return xyz, hidden, trial, settings, settings.learned([trial], ARM)
 
 
 def test_learned_forces_are_stable_and_dissipate(arm_motion):
@@ -169,7 +169,7 @@ def test_learned_forces_are_stable_and_dissipate(arm_motion):
     model = arm_motion[-1]
     assert np.linalg.eigvalsh(model.animal.stiffness).min() > 0
     assert np.linalg.eigvalsh(model.animal.damping).min() > 0
-    linear = learn_articulated([arm_motion[2]], ARM, ArticulatedSettings(pose=replace(LAGRANGIAN, potential="none")))
+    linear = learn_articulated([arm_motion[2]], ARM, replace(LAGRANGIAN, potential="none")).model
     own, rate = linear.subspace.residual_sd, MATERN_3_2_HALF / MATERN_HALF * linear.residual_rate_hz
     alone = replace(linear, subspace=replace(linear.subspace, basis=1e-9 * linear.subspace.basis))
     still = np.random.default_rng(0).normal(size=(3, 400, linear.rank))

@@ -45,7 +45,7 @@ def arm_trial(hidden=None, frames=240):
 
 @pytest.fixture(scope="module")
 def learned():
-    return learn_articulated([arm_trial()[1]], ARM, ArticulatedSettings())
+    return learn_articulated([arm_trial()[1]], ARM).model
 
 
 def small_tree(rng):

@@ -16,7 +16,8 @@ from mocap.io.movement import write_movement
 from mocap.io.netcdf import read_netcdf
 from mocap.io.registry import read as read_file
 from mocap.pipeline.cleaning import clean
-from mocap.skeleton import Bone, Joint, read_skeleton, write_skeleton
+from mocap.skeleton import Bone, Joint, write_skeleton
+from mocap.skeleton_files import read_skeleton
 
 FPS = 200.0
 NAMES = ("hip", "knee", "ankle")

@@ -10,6 +10,7 @@ from mocap.filters.hidden_gaps import Effort, hidden_gaps
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
+from mocap.filters.models.lagrangian import LagrangianSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import MODELS
 from mocap.filters.observations import PositionObservations
@@ -21,6 +22,7 @@ POSE = PoseSettings(ranks=(2,), bones=1 / 3)
 EXAMPLES = {
     "articulated": ArticulatedSettings(pose=POSE),
     "constant velocity": MarkerSettings(acceleration=0.1),
+    "lagrangian": LagrangianSettings(pose=replace(POSE, potential="limbs"), trunk=300.0),
     "lasting acceleration": LastingSettings(),
     "pose": POSE,
 }
@@ -38,6 +40,13 @@ def test_what_is_written_is_read(name):
     again = json.loads(json.dumps(written(EXAMPLES[name])))
     assert again["model"] == name
     assert read(again) == EXAMPLES[name]
+
+
+@pytest.mark.parametrize(("mechanics", "name"), [("linear", "articulated"), ("lagrangian", "lagrangian")])
+def test_what_was_written_with_its_mechanics_is_read(mechanics, name):
+    """Files of before have both models under one name, and which it is in ``mechanics``, whose trunk only one uses."""
+    before = written(EXAMPLES[name]) | {"model": "articulated", "mechanics": mechanics, "trunk": 300.0}
+    assert read(json.loads(json.dumps(before))) == EXAMPLES[name]
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -5,7 +5,7 @@ import pytest
 
 from mocap.errors import SkeletonError
 from mocap.io.registry import read
-from mocap.skeleton import read_skeleton
+from mocap.skeleton_files import read_skeleton
 
 TURNED = "tip\u202exyz"
 

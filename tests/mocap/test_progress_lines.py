@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mocap.cli import console
+from mocap.cli.closing import closing
 from mocap.cli.main import app
 from mocap.cli.options import PANELS
 
@@ -57,7 +58,7 @@ REPORT = {
 
 def test_a_result_is_told_in_25_lines(tmp_path):
     """Where it is, how to look, the worst first and how many are left, three numbers of the error, the length."""
-    lines = console.closing({**REPORT, "findings": [*REPORT["wrong"], "pixel origin upper-left"]}, tmp_path)
+    lines = closing({**REPORT, "findings": [*REPORT["wrong"], "pixel origin upper-left"]}, tmp_path)
     text = " ".join(" ".join(lines).split())
     order = ["Result:", "Look:", "1. camera 0", "2. camera 1", "more and notes (1)", "Error to expect", "Animal"]
     places = [text.index(part) for part in order]
@@ -73,7 +74,7 @@ def test_a_result_is_told_in_25_lines(tmp_path):
 
 def test_the_worst_is_named_where_it_does_not_fit(tmp_path):
     """In one line, cut; the others are counted."""
-    lines = console.closing({**REPORT, "wrong": ["one word and another " * 60, "next"]}, tmp_path)
+    lines = closing({**REPORT, "wrong": ["one word and another " * 60, "next"]}, tmp_path)
     assert len(lines) <= 25
     (told,) = [line for line in lines if line.startswith("  1. one word")]
     assert told.endswith(" ...")
@@ -85,7 +86,7 @@ def test_a_better_model_than_the_one_used_is_told(tmp_path):
 
     def told(rmse):
         gaps = {**REPORT["gaps"], "articulated": {**REPORT["gaps"]["articulated"], "rmse_mm": rmse}}
-        return " ".join(" ".join(console.closing({**REPORT, "wrong": [], "gaps": gaps}, tmp_path)).split())
+        return " ".join(" ".join(closing({**REPORT, "wrong": [], "gaps": gaps}, tmp_path)).split())
 
     assert "--model articulated fills the hidden points better (0.5 mm)" in told(0.5)
     assert "Nothing is wrong" in told(0.7)  # of 40 points: two standard deviations are a third of the error

@@ -23,7 +23,8 @@ from mocap.pipeline.propose_skeleton import (
     trunk_of,
 )
 from mocap.pipeline.reading import read
-from mocap.skeleton import Bone, Joint, Skeleton, read_skeleton, skeleton_text
+from mocap.skeleton import Bone, Joint, Skeleton, skeleton_text
+from mocap.skeleton_files import read_skeleton
 from tests.filters.bodies_trials import two_bodies
 from tests.real_data import real
 

@@ -5,7 +5,7 @@ import pytest
 
 from mocap.cli.main import main
 from mocap.pipeline.propose_measures import cycle_frames, stands
-from mocap.skeleton import read_skeleton
+from mocap.skeleton_files import read_skeleton
 
 RNG = np.random.default_rng(2)
 NAMES = ("left", "right", "top", "tip_l", "tip_r")

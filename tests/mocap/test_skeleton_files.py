@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocap.errors import SkeletonError
-from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, read_skeleton, write_skeleton
+from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, write_skeleton
+from mocap.skeleton_files import read_skeleton
 
 TEXT = st.text(st.characters(exclude_categories=("C",)), min_size=1, max_size=10)
 JOINT = TEXT.filter(lambda name: not name.startswith(".") and not set(name) & set("/\\"))

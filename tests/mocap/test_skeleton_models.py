@@ -5,7 +5,7 @@ import pytest
 
 from mocap.cli.main import explain
 from mocap.errors import SkeletonError
-from mocap.skeleton import read_skeleton
+from mocap.skeleton_files import read_skeleton
 from mocap.skeleton_models import MODELS, model_skeleton
 
 OSIM = """<?xml version="1.0" encoding="UTF-8" ?>

@@ -10,7 +10,7 @@ from mocap.io.registry import read
 from mocap.io.xmalab import BODY_ENTRIES
 from mocap.kinematics import angles
 from mocap.kinematics.bodies import joint_quantities
-from mocap.skeleton import read_skeleton
+from mocap.skeleton_files import read_skeleton
 from tests.filters.bodies_trials import two_bodies
 from tests.mocap.kinematics.body_motions import moving
 from tests.real_data import real

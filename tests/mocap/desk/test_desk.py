@@ -26,7 +26,7 @@ from mocap.io.output import result_file
 from mocap.pipeline.edits import read_edits
 from mocap.records import Status
 from mocap.rerun import share
-from mocap.skeleton import read_skeleton
+from mocap.skeleton_files import read_skeleton
 from mocap.web.server import served
 from tests.mocap.batches.trap import second_held
 from tests.mocap.desk.conftest import client, until

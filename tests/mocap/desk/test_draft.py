@@ -7,7 +7,8 @@ import mocap
 from mocap.desk.draft import Draft
 from mocap.errors import MocapError
 from mocap.sides import other_side
-from mocap.skeleton import Skeleton, mirrored, read_skeleton
+from mocap.skeleton import Skeleton, mirrored
+from mocap.skeleton_files import read_skeleton
 
 NAMES = ("p1", "p2", "p3", "p4", "x", "tail")
 KNOWN = Skeleton(

@@ -14,7 +14,8 @@ from mocap.kinematics.bodies import joint_quantities, with_places
 from mocap.kinematics.functional import pose_of
 from mocap.measures import SEQUENCES, JointAxes, Measures
 from mocap.results.exports import write_rigid_bodies
-from mocap.skeleton import Skeleton, read_skeleton, write_skeleton
+from mocap.skeleton import Skeleton, write_skeleton
+from mocap.skeleton_files import read_skeleton
 from tests.filters.bodies_trials import two_bodies
 from tests.mocap.kinematics.body_motions import NAMES, moving, screw, skeleton
 from tests.real_data import real

@@ -1,0 +1,45 @@
+"""What people call the motion models: names, titles, a few words on each; without the models, which load much.
+
+``mocap.filters.models.registry`` has the models themselves by the same names.
+"""
+
+from typing import Generic, NamedTuple, TypeVar
+
+from eal.plugins import offered
+
+Settings = TypeVar("Settings")
+
+
+class NamedModel(NamedTuple, Generic[Settings]):
+    """A model that people name, which learns from the recording that it tracks.
+
+    Attributes:
+        settings: The model, a ``mocap.filters.models.base.TrajectoryModel``.
+        title: What tables call it.
+        about: What it is, in a few words.
+        posed: Whether it learns poses: of four markers and more, that are seen together.
+        beside: Models that hidden samples are filled with, too, to be compared.
+    """
+
+    settings: Settings
+    title: str
+    about: str
+    posed: bool = True
+    beside: tuple[str, ...] = ()
+
+
+OURS: dict[str, NamedModel[None]] = {
+    "eal": NamedModel(None, "pose model", "Kalman smoother of the whole pose with its joint potentials"),
+    "articulated": NamedModel(
+        None, "joint angles", "Kalman smoother of joint angles, segments of constant length", beside=("eal",)
+    ),
+    "lagrangian": NamedModel(
+        None, "Lagrangian", "joint angles moved by the forces of the animal's masses", beside=("eal", "articulated")
+    ),
+    "constant_velocity": NamedModel(None, "constant velocity", "Kalman smoother of each marker alone", posed=False),
+}
+"""Those of this program, without their settings."""
+ELSEWHERE: dict[str, NamedModel] = offered("mocap.models", NamedModel)
+"""Those of other packages."""
+TITLES: dict[str, NamedModel] = {**OURS, **ELSEWHERE}
+"""All."""

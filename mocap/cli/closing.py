@@ -1,0 +1,61 @@
+"""The last lines of a command that tracks: where the result is, what is wrong, what error to expect."""
+
+import json
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from mocap.cli.console import in_options, program, show, show_text, typed
+from mocap.pipeline.summary import better, error_lines, length_line, notes
+from mocap.text import number_of
+
+LINES = 25
+"""A result takes no more lines on a terminal of 80 columns; all else is in the report."""
+
+
+def finish(report: Mapping, text: str, out: Path, *, as_json: bool, verbose: bool, also: Sequence[str] = ()) -> None:
+    """Say where the result is, how to look at it, what is wrong, and what error to expect."""
+    if as_json:
+        print(json.dumps(report))  # noqa: T201
+        return
+    if verbose:
+        show(text)
+    show_text("\n".join(closing(report, out, also=also)))
+
+
+def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str]:
+    """The lines of ``finish``, at most ``LINES`` of 80 columns."""
+    page = "report.md" if report.get("plane") else "report.html"
+    counts = report["frames"], len(report["markers"]), len(report["cameras"])
+    size = ", ".join(number_of(n, thing) for n, thing in zip(counts, ("frame", "marker", "camera"), strict=True) if n)
+    lines = _indented(f"{report['name']}: {size}", "")
+    kind = "parquet" if "blocks" in report else "csv"
+    lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.{kind}, kinematics.{kind})")
+    if not report.get("plane"):
+        lines += _indented(f"Look:   {typed(program(), 'view', out)}   (in the browser: add --web)")
+    after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
+    after += ["", "Animal", *_indented(length_line(report))]
+    wrong = [in_options(sentence) for sentence in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]
+    lines += ["", "What is wrong, worst first" if wrong else "Nothing is wrong"]
+    decided = len(notes(report))
+    for shown in range(len(wrong), -1, -1):
+        told = wrong[:shown] or [textwrap.shorten(one, 74, placeholder=" ...") for one in wrong[:1]]  # one line
+        items = [part for k, one in enumerate(told) for part in _indented(f"{k + 1}. {one}", deeper="   ")]
+        more = [f"{len(wrong) - len(told)} more"] if len(told) < len(wrong) else []
+        more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
+        items += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
+        if len(lines) + len(items) + len(after) <= LINES:
+            break
+    return [*lines, *items, *after]
+
+
+def _indented(text: str, indent: str = "  ", *, deeper: str = "  ") -> list[str]:
+    """A sentence broken at 80 columns; words, as paths, stay whole."""
+    return textwrap.wrap(
+        text,
+        80,
+        initial_indent=indent,
+        subsequent_indent=indent + deeper,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

@@ -68,6 +68,7 @@ def _escape(found: re.Match[str]) -> str:
 
 
 OTHER_OPTIONS = {
+    "format": "--format",
     "image_height_px": "--image-height",
     "stored_points": "--stored",
     "overwrite": "--force",

@@ -10,7 +10,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from eal.plugins import offered
 from mocap.cameras.camera import flipped
 from mocap.errors import FormatError
 from mocap.io import (
@@ -39,6 +38,7 @@ from mocap.io import (
     xmalab,
 )
 from mocap.io.contents import FILLED, FileContents
+from mocap.io.elsewhere import formats_elsewhere
 from mocap.io.format import Format, Head, Hints, head
 from mocap.io.plausible import plausible
 from mocap.io.transcribe import transcribed
@@ -177,7 +177,7 @@ FORMATS = (
     *_each(dvproject, dltdv, dltdv_sparse, easywand, profile, deeplabcut, sleap, movement, nwb, anipose, other_rigs),
     *_each(keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
     *_each(plain.typed_pixels, xmalab, argus),
-    *offered("mocap.formats", Format).values(),
+    *formats_elsewhere(),
     plain.CSV,
 )
 """In the order in which they are asked: where two know a file, the first is right."""

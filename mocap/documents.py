@@ -67,22 +67,32 @@ def regular_bytes(path: Path, *, most: int = 2**26, follow: bool = True) -> byte
     return content
 
 
-def from_json(text: str | bytes, where: str, *, finite: bool = True) -> Any:
+def from_json(text: str | bytes, where: str, *, finite: bool = True, once: bool = False) -> Any:
     """What JSON says.
 
     Args:
         text: The document.
         where: Its file, for messages.
         finite: Whether every number must be finite.
+        once: Whether a table may have a key once only; else the last of two counts.
 
     Raises:
-        FormatError: it is no JSON, nested too deeply, or has a number that is not finite, or of thousands of digits.
+        FormatError: it is no JSON, nested too deeply, has a key twice where it may not, or has a number that is not
+            finite, or of thousands of digits.
     """
     try:
-        found = json.loads(text)
+        found = json.loads(text, object_pairs_hook=_once if once else None)
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{where}: not readable as JSON: {one_line(error)}: write it again") from None
     return _checked(found, where, finite=finite)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"{next(name for name in names if names.count(name) > 1)!r} stands twice")
+    return found
 
 
 def from_toml(text: str, where: str) -> dict[str, Any]:

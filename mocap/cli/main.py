@@ -1,6 +1,5 @@
 """The command line: ``mocap``."""
 
-import errno
 import os
 import signal
 import sys
@@ -11,7 +10,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from eal.needs import MissingPackageError
 from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
 from mocap.cli.compare_joints import compare_joints
@@ -31,13 +29,12 @@ from mocap.cli.reproduce import reproduce
 from mocap.cli.skeleton import skeleton
 from mocap.cli.track import track
 from mocap.cli.view import share, view
-from mocap.errors import MocapError, shown_elsewhere
+from mocap.errors import MocapError
+from mocap.trouble import ended_by_plugin, trouble_of
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED, TERMINATED = 1, 70, 130, 143
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), Ctrl-C, and SIGTERM."""
-INSTALLING = "installing"
-"""The page (of ``mocap help``) for what is not installed, or not as it should be."""
 COMMANDS = {
     info: "your_files",
     convert: "your_files",
@@ -60,7 +57,6 @@ COMMANDS = {
 """The page of each command, for errors whose kind has none of its own."""
 PAGES = {command.__name__.replace("_", "-"): page for command, page in COMMANDS.items()}
 PAGES |= {"data": "truth", "calibrate": "calibration"}
-_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class _Stopped(Exception):
@@ -141,8 +137,10 @@ def main() -> None:
     signal.signal(signal.SIGTERM, _terminate)
     try:
         app(standalone_mode=True)
-    except SystemExit:
-        raise
+    except SystemExit as stop:
+        if not ended_by_plugin(stop):
+            raise
+        sys.exit(explain(stop))
     except BaseException as error:  # whatever it is; a panic of a Rust library is no Exception
         if debug and not isinstance(error, (MocapError, _Stopped, KeyboardInterrupt)):
             traceback.print_exception(error)
@@ -171,51 +169,8 @@ def explain(error: BaseException) -> int:
         say(f"stopped: {kept or 'nothing was written'}")
         return TERMINATED if isinstance(cause, Terminated) else STOPPED
     ending = f"; {kept}" if kept else ""
-    if _disk_is_full(error) and not (isinstance(error, MocapError) and _names_it(error)):
-        place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
-        say_error(f"the disk is full, or your quota is used up{place}: free some space, or give another --out{ending}")
-        return TROUBLE
-    if isinstance(error, MissingPackageError):  # an extra, whose message says how to install it
-        say_error(f"{error}{ending}; see: mocap help {INSTALLING}")
-        return TROUBLE
-    if isinstance(error, MocapError):
-        say_error(f"{error}{ending}" + (f"; see: mocap help {error.page}" if error.page else ""))
-        return TROUBLE
-    if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
-        name = error.object[max(0, error.start - 30) : error.end + 30]
-        say_error(f"{name}: this file name is not UTF-8: rename the file, or its folder{ending}")
-        return TROUBLE
-    if isinstance(error, MemoryError):
-        detail = f" ({error})" if str(error) else ""
-        say_error(
-            f"there is not enough memory{detail}: close other programs, or take a shorter part of the recording{ending}"
-        )
-        return TROUBLE
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        advice = f"{shown_elsewhere(error)}check that it is there and that you may use it"
-        say_error(f"{os.fspath(error.filename)}: {error.strerror}: {advice}{ending}")
-        return TROUBLE
-    place = traceback.extract_tb(error.__traceback__)
-    where = f" at {os.path.basename(place[-1].filename)}:{place[-1].lineno}" if place else ""
-    say_error(
-        f"{type(error).__name__}{where}: {str(error)[:300] or 'no further details'}: this is an error in mocap, not "
-        "in your data: please report this line to its authors, together with the output of the same command with "
-        f"{DEBUG}{ending}"
-    )
-    return FAULT
-
-
-def _disk_is_full(error: BaseException) -> bool:
-    """Whether an error, or what it came from, is of a full disk; libraries in C and Rust tell it by its words only."""
-    found: BaseException | None = error
-    while found is not None:
-        if isinstance(found, OSError) and found.errno in _FULL:
-            return True
-        if _names_it(found):
-            return True
-        found = found.__cause__ or found.__context__
-    return False
-
-
-def _names_it(error: BaseException) -> bool:
-    return any(os.strerror(number) in str(error) for number in _FULL)
+    trouble = trouble_of(error)
+    report = f": please report this line to its authors, together with the output of the same command with {DEBUG}"
+    page = f"; see: mocap help {trouble.page}" if trouble.page else ""
+    say_error(f"{trouble.text}{report if trouble.fault else ''}{ending}{page}")
+    return FAULT if trouble.fault else TROUBLE

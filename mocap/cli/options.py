@@ -72,6 +72,10 @@ SkeletonFile = Annotated[
     Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
 ]
 Edits = Annotated[Path | None, typer.Option(help="Corrections made by hand (`mocap desk`).")]
+EditsAnyway = Annotated[
+    bool,
+    typer.Option("--edits-anyway", help="Replay corrections that were made on another recording, or changed files."),
+]
 PixelSd = Annotated[float | None, typer.Option(help="SD of a digitised coordinate. Default: estimated.")]
 FitLens = Annotated[
     bool,
@@ -104,6 +108,7 @@ PANELS = {
         "crop": "FILE",
         "pixel_sd": "PIXELS",
         "edits": "FILE",
+        "edits_anyway": "",
         "stored": "FILE",
         "correct_lag": "",
         "mm_per_px": "MM",
@@ -224,11 +229,12 @@ class RecordingOptions(CameraOptions):
     skeleton: SkeletonFile = None
     pixel_sd: PixelSd = None
     edits: Edits = None
+    edits_anyway: EditsAnyway = False
 
     def arguments(self) -> dict[str, Any]:
         """As ``mocap.read`` takes it."""
         own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
-        own |= {"edits": self.edits}
+        own |= {"edits": self.edits, **({"edits_anyway": True} if self.edits_anyway else {})}
         return super().arguments() | own
 
     def read(self, tracks: Path | list[Path], **more: Any) -> "Recording":

@@ -26,7 +26,7 @@ from mocap.io.registry import read as read_file
 from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
-from mocap.pipeline.edits import edited, read_edits
+from mocap.pipeline.edits import read_log
 from mocap.pipeline.ideal_pixels import with_ideal_pixels
 from mocap.pipeline.recording import Recording, dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
@@ -56,6 +56,7 @@ def read(
     mm_per_px: float | None = None,
     fit_lens: bool = False,
     edits: PathText | None = None,
+    edits_anyway: bool = False,
 ) -> Recording:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
 
@@ -85,9 +86,10 @@ def read(
         fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
             determined.
         edits: A log of corrections made by hand (``edits.jsonl`` of mocap desk), replayed on what was read.
+        edits_anyway: Replay them also where they were made on another recording, or it has changed since.
 
     Raises:
-        FormatError: a file cannot be read, or an edit names what is not in it.
+        FormatError: a file cannot be read, an edit names what is not in it, or edits are of another recording.
         CalibrationError: pixels and calibration do not belong together, or what was to be estimated cannot be.
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
@@ -132,7 +134,7 @@ def read(
         pixel_sd=pixel_sd,
         mm_per_px=mm_per_px,
     )
-    found = found if log is None else edited(found, read_edits(log), where=log.name)
+    found = found if log is None else read_log(log).replayed(found, anyway=edits_anyway)
     return with_ideal_pixels(found, replace(options, usual=contents.pixel_origin))
 
 

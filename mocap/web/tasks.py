@@ -1,8 +1,6 @@
 """What a page may ask for: each request has a schema, and every trouble is one line of JSON."""
 
-import os
 import reprlib
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
@@ -17,6 +15,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from mocap.errors import MocapError
+from mocap.trouble import trouble_of
 
 Q = TypeVar("Q", bound="Query")
 
@@ -25,6 +24,14 @@ class Query(BaseModel):
     """What a request says: the names that are listed and no others, numbers as numbers, all of them finite."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Elsewhere(MocapError):
+    """A request of a page that shows what is no longer so: something else was opened, or changed, in another one."""
+
+    def __init__(self) -> None:
+        """With what to do."""
+        super().__init__("opened elsewhere: reload")
 
 
 class Nothing(Query):
@@ -58,13 +65,18 @@ def task(path: str, query: type[Q], work: Callable[[Q], Response], *, changes: b
         changes: Taken as POST, otherwise as GET.
     """
 
+    def answered(given: bytes | dict[str, str], limits: Any) -> Response:
+        # beside the work, as what is checked here is as the work finds it
+        check = query.model_validate_json if isinstance(given, bytes) else query.model_validate_strings
+        try:
+            return work(check(given, context=limits))  # type: ignore[arg-type]
+        except SystemExit as stop:  # of a plug-in; it would end the server, and not the program
+            return _error_response(None, stop)
+
     async def endpoint(request: Request) -> Response:
-        limits = request.app.state.limits
-        if changes:
-            given = query.model_validate_json(await request.body(), context=limits)
-        else:
-            given = query.model_validate_strings(dict(request.query_params), context=limits)
-        return await run_sync(partial(work, given), limiter=request.app.state.limiter)
+        given = await request.body() if changes else dict(request.query_params)
+        state = request.app.state
+        return await run_sync(partial(answered, given, state.limits), limiter=state.limiter)
 
     return Route(path, endpoint, methods=["POST" if changes else "GET"])
 
@@ -93,7 +105,7 @@ def page(routes: Sequence[Route], *, limits: Mapping[str, Any] | None = None) ->
     return app
 
 
-def _error_response(_: Request, error: Exception) -> Response:
+def _error_response(_: Request | None, error: BaseException) -> Response:
     match error:
         case HTTPException():
             return JSONResponse({"said": error.detail}, error.status_code, headers=error.headers)
@@ -102,9 +114,7 @@ def _error_response(_: Request, error: Exception) -> Response:
             where = ".".join(str(part) for part in first["loc"]) or "request"
             expected = f"{where[:80]}: {first['msg']}, got {reprlib.repr(first['input'])}"
             return JSONResponse({"said": expected}, 400)
-        case MocapError():
-            return JSONResponse({"said": str(error)}, 409)
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    where = f"{type(error).__name__} at {os.path.basename(last.filename)}:{last.lineno}"
-    message = f"{where}: {str(error)[:300]}: this is an error in mocap, not in your data"
-    return JSONResponse({"said": message}, 500)
+        case Elsewhere():
+            return JSONResponse({"said": str(error), "reload": True}, 409)
+    trouble = trouble_of(error)
+    return JSONResponse({"said": trouble.text}, 500 if trouble.fault else 409)

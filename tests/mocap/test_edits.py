@@ -1,5 +1,7 @@
 """Corrections made by hand: a log that survives a kill, and that gives the same bytes when it is replayed."""
 
+import errno
+import json
 import os
 import signal
 import subprocess
@@ -7,6 +9,7 @@ import sys
 import textwrap
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import mocap
@@ -14,7 +17,7 @@ from mocap.cli.main import app
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, standing
+from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, read_log, samples_of, standing
 from mocap.pipeline.retrack import tracked_again
 from mocap.records import Status
 from tests.mocap.desk.filmed_trial import FPS, GAP, trial
@@ -92,6 +95,14 @@ def test_a_kill_loses_no_edit_that_was_acknowledged(tmp_path):
         b'{"what": "delete", "who": "x", "when": "", "frame": true, "marker": "nose"}',
         b'{"what": "place", "who": "x", "when": "", "frame": 1, "marker": "m", "camera": "c", "uv_px": [1, "2"]}',
         b'{"what": "undo", "who": "x", "when": "", "more": 1}',
+        b'{"what": "undo", "who": "x", "who": "y", "when": ""}',
+        b'{"what": "exchange", "who": "x", "when": "", "frame": 1, "marker": "nose", "other": "nose"}',
+        *(
+            b'{"what": "place", "who": "x", "when": "", "frame": 1, "marker": "m", "camera": "c", "uv_px": [1, %s]}'
+            % far
+            for far in (b"true", b"1e300", b"-1e6", b"NaN", b"1" * 400)
+        ),
+        b'{"names": ["nose"], "cameras": [], "frames": "60", "samples": ["0"]}',
         b"not json",
     ],
 )
@@ -102,6 +113,165 @@ def test_what_is_no_edit_is_named(tmp_path, line):
     with pytest.raises(FormatError, match=r"edits\.jsonl: line 2 is no edit") as refused:
         read_edits(path)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("ending", "kept"),
+    [(b"", 2), (b"}", 2), (b"\xc3", 1), (b'"when": ""}', 1)],
+)
+def test_a_last_line_counts_where_it_is_whole(scene, tmp_path, ending, kept):
+    """Without a line end, as editors leave it, or torn at a kill; the next edit comes after it, or in its place."""
+    path, edits = tmp_path / "edits.jsonl", placed(scene, 25, HAND)
+    last = edits[1].line().rstrip()
+    torn = last if ending == b"" else last[:-1] + ending if ending == b"}" else last[:30] + ending
+    path.write_bytes(edits[0].line() + torn)
+    assert read_edits(path) == edits[:kept]
+    append_edit(path, edits[0])
+    assert read_edits(path) == [*edits[:kept], edits[0]]
+
+
+@pytest.mark.parametrize("before", [0, 1])
+@pytest.mark.parametrize("fails", ["fsync", "write"])
+def test_what_cannot_be_saved_is_not_in_the_log(scene, tmp_path, monkeypatch, before, fails):
+    """The disk refuses an edit, in the middle of it or when it is to be kept: the log is as it was, and is named."""
+    path, edits, real = tmp_path / "edits.jsonl", placed(scene, 25, HAND), os.write
+    for edit in edits[:before]:
+        append_edit(path, edit, samples_of(read(scene)))
+    log = path.read_bytes() if before else None
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+
+        def half(handle, data):
+            patch.setattr(os, "write", full)
+            return real(handle, data[:20])
+
+        patch.setattr(os, fails, full if fails == "fsync" else half)
+        with pytest.raises(OSError, match=str(path)):
+            append_edit(path, edits[1], samples_of(read(scene)))
+    assert (path.read_bytes() if path.exists() else None) == log
+    append_edit(path, edits[1])
+    assert read_edits(path) == edits[1 - before :]
+
+
+def rewritten(scene, folder, change=lambda table: table, **how):
+    """The same recording as another program saves it, or with a change."""
+    folder.mkdir()
+    for name in ("calibration.toml", "skeleton.toml"):
+        (folder / name).write_bytes((scene.folder / name).read_bytes())
+    table = pd.read_csv(scene.folder / "flight_xypts.csv")
+    change(table).to_csv(folder / "flight_xypts.csv", index=False, **how)
+    return folder
+
+
+def read_in(folder, **more):
+    stated = {"calibration": folder / "calibration.toml", "skeleton": folder / "skeleton.toml", "fps": FPS}
+    return mocap.read(folder / "flight_xypts.csv", **stated, **more)
+
+
+@pytest.fixture
+def log(scene, tmp_path):
+    """Corrections of the hand, that say of which recording they are."""
+    for edit in placed(scene, 25, HAND):
+        append_edit(tmp_path / "edits.jsonl", edit, samples_of(read(scene)))
+    return tmp_path / "edits.jsonl"
+
+
+def redigitised(table):
+    table.iloc[3, 0] += 0.01
+    return table
+
+
+def names_exchanged(table):
+    other = {"nose": "hand", "hand": "nose"}
+    return table.rename(columns=lambda title: other.get(name := title.split("_")[0], name) + title[len(name) :])
+
+
+def of_another_order(table):
+    """Markers in the reverse order, each with its columns."""
+    each = table.shape[1] // len(NAMES)
+    return table.iloc[:, [m * each + i for m in reversed(range(len(NAMES))) for i in range(each)]]
+
+
+@pytest.mark.parametrize(
+    ("change", "how"),
+    [
+        (lambda table: table, {}),
+        (lambda table: table, {"float_format": "%.15g", "lineterminator": "\r\n", "na_rep": "NaN"}),
+        (of_another_order, {}),
+    ],
+)
+def test_corrections_are_of_samples_not_of_bytes(scene, tmp_path, log, change, how):
+    """The recording saved again by another program is the same: its log is replayed without a word."""
+    folder = rewritten(scene, tmp_path / "again", change, **how)
+    assert (folder / "flight_xypts.csv").read_bytes() != (scene.folder / "flight_xypts.csv").read_bytes()
+    found, one = read_in(folder, edits=log), read(scene, edits=log)
+    assert not [f for f in found.findings if f.kind == "corrections"]
+    at = [found.names.index(name) for name in one.names]
+    np.testing.assert_array_equal(found.pixels.uv_px[:, :, at], one.pixels.uv_px)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda table: table.iloc[10:], "made on 60 frames of 3 cameras, and here are 50 frames of 3 cameras"),
+        (redigitised, "the samples of nose have changed"),
+        (names_exchanged, "hand is the name of another marker here"),
+    ],
+)
+def test_corrections_of_another_recording_are_asked_about(scene, tmp_path, log, change, told):
+    """Frames cut, a sample digitised again, names exchanged: refused with what differs; replayed if asked, and said."""
+    folder = rewritten(scene, tmp_path / "again", change)
+    with pytest.raises(FormatError, match=told) as refused:
+        read_in(folder, edits=log)
+    assert "`edits_anyway`" in str(refused.value)
+    found = read_in(folder, edits=log, edits_anyway=True)
+    (one,) = [f for f in found.findings if f.kind == "corrections"]
+    assert one.alarm
+    assert told in one.text
+    assert found.edited.sum() == 1
+
+
+def test_a_log_of_positions_does_not_depend_on_their_unit(scene):
+    """Millimetres or metres stated later, and names given by a skeleton: the samples are the same; others are not."""
+    of = [
+        samples_of(mocap.from_arrays(xyz, names=names, fps=FPS, unit=unit))
+        for xyz, names, unit in (
+            (scene.xyz_m, NAMES, "m"),
+            (scene.xyz_m, [*NAMES[:-1], "tip"], "mm"),
+            (scene.xyz_m + np.array([0, 0, 1e-3]), NAMES, "m"),
+        )
+    ]
+    edits = [Edit(what="delete", frame=1, marker="nose", **SIGNED)]
+    assert of[0].difference(of[1], edits) == ""
+    assert "have changed" in of[0].difference(of[2], edits)
+
+
+def test_a_log_of_before_is_read_with_a_finding(scene, tmp_path):
+    """It does not say what it corrects; one that has no edits says nothing."""
+    path, edits = tmp_path / "edits.jsonl", placed(scene, 25, HAND)
+    path.write_bytes(b"")
+    assert not [f for f in read(scene, edits=path).findings if f.kind == "corrections"]
+    for edit in edits:
+        append_edit(path, edit)
+    (one,) = [f for f in read(scene, edits=path).findings if f.kind == "corrections"]
+    assert "does not say which recording" in one.text
+    assert not one.alarm
+
+
+def test_an_edit_that_cannot_be_is_refused_with_its_line(scene, tmp_path):
+    """A place more than an image off, a frame that is not there: by the number of the line in the file."""
+    first, _ = placed(scene, 25, HAND)
+    for wrong, told in (({"uv_px": [5000.0, 3.0]}, "far out of the image"), ({"frame": 61}, "frames from 1 to 60")):
+        path = tmp_path / f"{told[:3]}.jsonl"
+        append_edit(path, first, samples_of(read(scene)))
+        last = json.loads(first.line()) | wrong
+        path.write_bytes(path.read_bytes() + json.dumps(last).encode())
+        assert len(read_log(path).edits) == 2
+        with pytest.raises(FormatError, match=f"line 3: place of hand.*{told}"):
+            read(scene, edits=path)
 
 
 def test_edits_do_what_they_say(scene):

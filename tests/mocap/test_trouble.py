@@ -1,5 +1,6 @@
 """Whatever goes wrong, a user gets one line that says what to do: no traceback, no word that acts on the terminal."""
 
+import csv
 import errno
 import os
 import subprocess
@@ -60,7 +61,10 @@ class Panic(BaseException):
         (RuntimeError(f"hdf5: {os.strerror(errno.ENOSPC)}"), TROUBLE, "error: the disk is full"),
         (MemoryError("Unable to allocate 31.6 GiB"), TROUBLE, "error: there is not enough memory"),
         (PermissionError(errno.EACCES, "Permission denied", "/a.csv"), TROUBLE, "error: /a.csv: Permission denied"),
-        (np.linalg.LinAlgError("not positive definite"), FAULT, "error: LinAlgError at test_trouble.py:"),
+        (OSError(errno.EROFS, "Read-only file system", "/a.csv"), TROUBLE, "error: /a.csv: Read-only file system"),
+        (OSError(errno.EIO, "Input/output error"), TROUBLE, "Input/output error; nothing there was changed"),
+        (np.linalg.LinAlgError("not positive definite"), TROUBLE, "error: LinAlgError at test_trouble.py:"),
+        (csv.Error("field larger than field limit (131072)"), TROUBLE, "a table has a line that is no CSV"),
         (KeyError("x"), FAULT, "error: KeyError"),
         (Panic("rust"), FAULT, "error: Panic"),
         (KeyboardInterrupt(), STOPPED, "out.csv is as it was before"),

@@ -276,7 +276,8 @@ _KEYS = {"name", "markers", "bones", "bodies", "joints", "trunk", "aliases", "ma
 def skeleton_from_toml(path: Path) -> Skeleton:
     """Read a skeleton's own file.
 
-    ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes;
+    ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes
+    (or a table ``[bones]`` with ``thigh = ["a", "b"]``, whose names are not kept);
     ``trunk = [...]``; ``max_speed_m_s = 20.0``; a table ``[joints]`` with ``elbow = ["shoulder", "elbow", "wrist"]``;
     a table ``[bodies]`` with ``cranium = ["b1", "b2", "b3"]``, and a joint ``jaw = ["cranium", "mandible"]`` of two;
     a table ``[aliases]`` with ``pt1 = "shoulder"``; a table ``[measures]`` (docs/reference/kinematics.md).
@@ -302,7 +303,7 @@ def skeleton_from_toml(path: Path) -> Skeleton:
         return Skeleton(
             name=visible(found["name"][()]) if "name" in found else path.stem,
             markers=tuple(found["markers"]),
-            bones=table.get("bones", ()),
+            bones=_named(table, "bones").values() if isinstance(table.get("bones"), dict) else table.get("bones", ()),
             joints=_named(table, "joints"),
             bodies=_named(table, "bodies"),
             trunk=tuple(found.get("trunk", ())),

@@ -68,6 +68,10 @@ Columns = Annotated[
     ),
 ]
 Sheet = Annotated[str | None, typer.Option(help="Sheet of an Excel file, by name or number.")]
+ZeroOption = Annotated[
+    Literal["position", "missing"] | None,
+    typer.Option("--zero", help="What samples at exactly (0, 0, 0) are. Default: judged by how the markers move."),
+]
 SkeletonFile = Annotated[
     Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
 ]
@@ -102,6 +106,7 @@ PANELS = {
         "cameras": "N",
         "columns": "TEXT",
         "sheet": "NAME",
+        "zero": "position|missing",
         "origin": "CORNER",
         "calibration_origin": "CORNER",
         "image_height": "PIXELS",
@@ -186,6 +191,7 @@ class FileOptions:
     cameras: SparseCameras = None
     columns: Columns = None
     sheet: Sheet = None
+    zero: ZeroOption = None
 
     def hints(self) -> "Hints":
         """As readers take it."""
@@ -193,7 +199,7 @@ class FileOptions:
         from mocap.io.plain import parse_columns
 
         columns = parse_columns(self.columns or "")
-        return Hints(cameras=self.cameras, columns=columns, format=self.format_name, sheet=self.sheet)
+        return Hints(cameras=self.cameras, columns=columns, format=self.format_name, sheet=self.sheet, zero=self.zero)
 
 
 @dataclass(frozen=True, kw_only=True)

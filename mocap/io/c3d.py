@@ -256,8 +256,10 @@ _SAME = 1e-5
 """Relative difference of two 32-bit reals that were written as one. Chosen; not measured."""
 _MOST_FRAMES = 0xFFFF
 """The head counts with 16 bits: longer recordings state that number or their own without its upper bits."""
+_MOST_COUNTS = 255
+"""Counts of a residual that a byte holds."""
 _RESIDUAL_M = 1e-5
-"""One count of a residual, of which a byte holds 1 to 255."""
+"""One count of a residual as it is written here."""
 
 
 def read_c3d(path: Path) -> FileContents:
@@ -317,6 +319,7 @@ def read_c3d(path: Path) -> FileContents:
         fps=fps,
         status=np.where(seen, np.where(residual > 0, Status.MEASURED, filled), Status.MISSING),
         tables={"residual_m": np.where(seen & (residual > 0), residual * scale, np.nan)},
+        saturated=seen & _saturated(residual / abs(layout.scale)),
         findings=(*head.findings, *findings),
     )
 
@@ -481,6 +484,12 @@ def _samples(head: Head, layout: _Layout, data: bytes) -> tuple[Array, Array, in
     return xyz, residual, int((~whole).sum())
 
 
+def _saturated(counts: Array) -> NDArray[np.bool_]:
+    """Residuals, in counts, that are the largest their byte holds; half of it where the word has a sign, as written."""
+    most = _MOST_COUNTS if counts.max(initial=0) > _MOST_COUNTS // 2 else _MOST_COUNTS // 2
+    return np.asarray(np.round(counts) >= most)
+
+
 def _labels(head: Head, points: int) -> list[str]:
     """LABELS, continued in LABELS2, LABELS3, ...; empty for a point without one."""
     labels, following = list(head.words("POINT:LABELS")), 2
@@ -511,7 +520,7 @@ def write_c3d(path: Path, recording: FileContents) -> None:
         raise FormatError(f"{path.name}: marker name {bad.decode()!r} is empty or longer than 120 bytes: rename it")
     length_m = metres(path, unit)
     size = recording.tables.get("residual_m", tracks.sd_m)
-    counts = np.clip(np.round(np.nan_to_num(size, nan=0.0) / _RESIDUAL_M), 1, 255)
+    counts = np.clip(np.round(np.nan_to_num(size, nan=0.0) / _RESIDUAL_M), 1, _MOST_COUNTS)
     counts[np.isin(tracks.status, FILLED)] = 0
     body = np.zeros((count, len(names), 4), dtype="<f4")
     body[..., :3] = np.where(tracks.seen[..., None], tracks.xyz_m / length_m, 0.0)

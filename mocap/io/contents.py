@@ -45,6 +45,8 @@ class FileContents:
         score: (C, T, M) confidence of pixels or (T, M) of points, between 0 and 1; None: there is none.
         tables: Other arrays: ``residual_px`` (T, M) and ``residual_m`` (T, M) of points, ``interval`` (T, M, 3) half
             widths in the unit of the points, ``offset_frames`` (T, C), ``transforms`` (T, M, 4, 4) world from body.
+        saturated: (T, M) samples whose residual is the largest that the file can hold, until it was judged whether
+            they are places (``mocap.io.plausible``); None: the format holds none.
         bodies: Rigid bodies that the file states, in the unit of the points.
         findings: Sentences on what is unusual; ``remarks`` adds what the file does not state.
         assumed: Those of them that tell how the file was read where it leaves that open; a report begins with them.
@@ -65,6 +67,7 @@ class FileContents:
     animals: tuple[tuple[str, str], ...] = ()
     score: Array | None = None
     tables: Mapping[str, Array] = field(default_factory=dict)
+    saturated: NDArray[np.bool_] | None = None
     bodies: Bodies = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 from mocap.documents import check_regular, open_regular
 from mocap.errors import FormatError, beside, shown_elsewhere
@@ -14,6 +15,8 @@ from mocap.io.contents import FileContents
 from mocap.io.lines import one_kind
 
 LENGTH = 1 << 16  # bytes by which files are told
+Zero = Literal["position", "missing"]
+"""What a sample at exactly (0, 0, 0) is."""
 
 
 @dataclass(frozen=True)
@@ -109,12 +112,14 @@ class Hints:
         columns: For plain CSV files: marker to its columns, e.g. {"tip": ("x1", "y1", "z1")}.
         format: Name of the format; None: found by content.
         sheet: Of a workbook (.xlsx) with several sheets, the one to read: its name, or its number from 1.
+        zero: What samples at exactly (0, 0, 0) are; None: judged by evidence (``mocap.io.plausible``).
     """
 
     cameras: int | None = None
     columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     format: str | None = None
     sheet: str | None = None
+    zero: Zero | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
+from mocap.io.format import Zero
 from mocap.io.lines import RATES_HZ
 from mocap.records import Status
 from mocap.schema import not_covariances
@@ -19,21 +20,27 @@ NAMED = 8
 """Markers that a finding names."""
 
 
-def without_placeholders(recording: FileContents) -> FileContents:
+def without_placeholders(recording: FileContents, zero: Zero | None = None) -> FileContents:
     """The recording, as its format reads it, with placeholders as missing samples, counted and named.
 
-    Zeros stay where their marker moves through them, and where cameras measured them throughout (a marker at the origin
-    whose samples have residuals above 0). A marker that is at zero in all of its samples was never seen: noise leaves
-    no measured marker there, not even one that lies still.
+    Zeros stay where their marker moves through them, and where it alone is there in all of its samples: the origin of
+    the others. What was decided is a finding, with counts. In formats that state zeros as places only what is stated
+    counts.
+
+    Args:
+        recording: As read.
+        zero: What samples at exactly zero are, where the user states it.
     """
     points, pixels, notes = recording.points, recording.pixels, []
-    if recording.format in EXPLICIT:
+    if recording.format in EXPLICIT and zero is None:
         return recording
     if points is not None:
         residual = recording.tables.get("residual_m")
-        lost = placeholders(points.xyz_m, None if residual is None else residual > 0)
+        measured = None if residual is None else residual > 0
+        lost = placeholders(points.xyz_m, measured=measured, saturated=recording.saturated, zero=zero, origin=True)
+        notes += _kept_notes(points.xyz_m, lost, recording, zero)
         if lost.any():
-            notes += _placeholder_notes(points.xyz_m, lost, recording, "")
+            notes += _placeholder_notes(points.xyz_m, lost, recording, "", zero)
             points = replace(
                 points,
                 xyz_m=np.where(lost[..., None], np.nan, points.xyz_m),
@@ -41,24 +48,45 @@ def without_placeholders(recording: FileContents) -> FileContents:
                 status=np.where(lost, Status.MISSING, points.status),
             )
     if pixels is not None:
-        masks = np.stack([placeholders(uv) for uv in pixels.uv_px]) if len(pixels.cameras) else np.zeros((), dtype=bool)
-        for camera, uv, lost in zip(pixels.cameras, pixels.uv_px, masks, strict=True) if masks.any() else ():
-            notes += _placeholder_notes(uv, lost, recording, f" of camera {camera!r}")
-        if masks.any():
-            pixels = replace(pixels, uv_px=np.where(masks[..., None], np.nan, pixels.uv_px))
+        masks = [placeholders(uv, zero=zero) for uv in pixels.uv_px]
+        for camera, uv, lost in zip(pixels.cameras, pixels.uv_px, masks, strict=True):
+            notes += _placeholder_notes(uv, lost, recording, f" of camera {camera!r}", zero) if lost.any() else []
+        if any(lost.any() for lost in masks):
+            pixels = replace(pixels, uv_px=np.where(np.stack(masks)[..., None], np.nan, pixels.uv_px))
     if not notes:
         return recording
     findings, assumed = (*notes, *recording.findings), (*notes, *recording.assumed)
     return replace(recording, points=points, pixels=pixels, findings=findings, assumed=assumed)
 
 
-def placeholders(values: Array, measured: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+def placeholders(
+    values: Array,
+    *,
+    measured: NDArray[np.bool_] | None = None,
+    saturated: NDArray[np.bool_] | None = None,
+    zero: Zero | None = None,
+    origin: bool = False,
+) -> NDArray[np.bool_]:
     """(T, M) samples that stand for missing ones in (T, M, d) coordinates.
 
     All coordinates of such a sample are one number: zero; or one that occurs twice or more and lies outside the range
-    of all other coordinates, as 9999.99 and -16512 do. The marker does not move there: the samples before and after are
-    further off than the steps around them are long. Of (T, M) samples known to be ``measured`` only those count whose
-    marker is elsewhere before or after.
+    of all other coordinates, as 9999.99 and -16512 do. Evidence that it is no place, each by itself:
+
+    - its marker jumps there and back: the samples before and after are further off than the steps around them are long;
+    - its residual is the largest that the file can hold;
+    - other markers, too, are there in all of their samples: two markers cannot be in one place;
+    - its marker is there in all of its samples, and another jumps there: the file writes missing samples so.
+
+    One marker that is at zero in all of its samples, where none of this speaks against it, is the ``origin`` of the
+    others: a pivot, or the root of coordinates that are relative to it. Images have no such place.
+
+    Args:
+        values: Coordinates.
+        measured: (T, M) samples whose residual says that cameras saw them: that another marker jumps to zero is then
+            no evidence.
+        saturated: (T, M) samples whose residual is the largest that the file can hold.
+        zero: What zeros are, where the user states it; other numbers are judged all the same.
+        origin: Whether a marker can lie at zero: in space, and not in an image.
     """
     seen = np.isfinite(values).all(axis=-1)
     alike = seen & (values == values[..., :1]).all(axis=-1)
@@ -73,14 +101,23 @@ def placeholders(values: Array, measured: NDArray[np.bool_] | None = None) -> ND
     coarse = rounding(values) * np.sqrt(values.shape[-1]) if len(chosen) else 0.0
     for number in chosen:
         here = alike & (values[..., 0] == number)
+        if number == 0 and zero is not None:
+            out |= here & (zero == "missing")
+            continue
         away = seen & ~here
         for m in np.flatnonzero(here.any(axis=0) & away.any(axis=0)):
             out[:, m] |= _elsewhere(values[:, m] - number, away[:, m], here[:, m], coarse)
-        if number == 0:
-            always = here & ~away.any(axis=0)
-            out |= always if measured is None else always & ~measured
-        elif (out & here).any():  # else they are markers that lie still, for all that is known
-            out |= here & ~away.any(axis=0)
+        jumps = bool((out & here).any())
+        always = here & ~away.any(axis=0)
+        together = np.count_nonzero(always.any(axis=0)) > 1
+        if number != 0:
+            out |= always & (jumps or together)  # else it is a marker that lies still, for all that is known
+            continue
+        out |= here & (False if saturated is None else saturated)
+        if together or not origin or not away.any():
+            out |= always
+        elif jumps:
+            out |= always & (True if measured is None else ~measured)
     return out
 
 
@@ -119,25 +156,47 @@ def rounding(values: Array) -> float:
     return float(steps.min()) if len(steps) and 100 * steps.min() < steps.sum() else 0.0
 
 
-def _placeholder_notes(values: Array, lost: NDArray[np.bool_], recording: FileContents, whose: str) -> list[str]:
-    """A sentence for each number: how many samples of which markers."""
+def _placeholder_notes(
+    values: Array, lost: NDArray[np.bool_], recording: FileContents, whose: str, zero: Zero | None
+) -> list[str]:
+    """A sentence for each number: how many samples of which markers are missing."""
     finite = np.isfinite(values[..., 0]) & ~lost
     found = []
     for number in np.unique(values[lost][:, 0]):
         mine = lost & (values[..., 0] == number)
-        words = [
-            f"{mine[:, m].sum()} of {recording.names[m]!r} (from frame {recording.frames[mine[:, m].argmax()]} on)"
-            if finite[:, m].any()
-            else f"all of {recording.names[m]!r}, which was never seen"
-            for m in np.flatnonzero(mine.any(axis=0))
-        ]
-        more = f", and of {len(words) - NAMED} more markers" if len(words) > NAMED else ""
         place = ", ".join([f"{number:g}"] * values.shape[-1])
+        stated = ", as stated" if zero == "missing" and number == 0 else ""
         found.append(
-            f"{mine.sum()} samples{whose} at exactly ({place}) stand for missing and were read so: "
-            f"{', '.join(words[:NAMED])}{more}"
+            f"{mine.sum()} samples{whose} at exactly ({place}) stand for missing and were read so{stated}: "
+            f"{_counted(mine, finite, recording, ', which was never seen')}"
         )
     return found
+
+
+def _kept_notes(values: Array, lost: NDArray[np.bool_], recording: FileContents, zero: Zero | None) -> list[str]:
+    """A sentence on how many samples at zero of which markers are positions."""
+    mine = (values == 0).all(axis=-1) & ~lost
+    if not mine.any():
+        return []
+    elsewhere = np.isfinite(values[..., 0]) & ~mine
+    why = "as stated" if zero == "position" else "no other marker stays there and none jumps there and back"
+    advice = "" if zero == "position" else "; if they stand for missing, give `zero` missing"
+    return [
+        f"{mine.sum()} samples at exactly (0, 0, 0) are positions and were read so ({why}): "
+        f"{_counted(mine, elsewhere, recording, ', the origin of the others')}{advice}"
+    ]
+
+
+def _counted(mine: NDArray[np.bool_], elsewhere: NDArray[np.bool_], recording: FileContents, always: str) -> str:
+    """How many samples of which markers, and what those are that have no others ``elsewhere``."""
+    words = [
+        f"{mine[:, m].sum()} of {recording.names[m]!r} (from frame {recording.frames[mine[:, m].argmax()]} on)"
+        if elsewhere[:, m].any()
+        else f"all of {recording.names[m]!r}{always}"
+        for m in np.flatnonzero(mine.any(axis=0))
+    ]
+    more = f", and of {len(words) - NAMED} more markers" if len(words) > NAMED else ""
+    return ", ".join(words[:NAMED]) + more
 
 
 _FARTHEST_M = 1e8
@@ -145,13 +204,17 @@ _FARTHEST_M = 1e8
 _FARTHEST = _FARTHEST_M / 1e-3  # where the unit may be as small as a millimetre
 
 
-def plausible(recording: FileContents) -> FileContents:
+def plausible(recording: FileContents, zero: Zero | None = None) -> FileContents:
     """The recording without placeholders, with findings on what is unusual in its numbers.
+
+    Args:
+        recording: As its format reads it.
+        zero: What samples at exactly zero are, where the user states it.
 
     Raises:
         FormatError: a position, pixel, rate, covariance or other number is none that can have been measured.
     """
-    recording = without_placeholders(recording)
+    recording = replace(without_placeholders(recording, zero), saturated=None)
     name, findings = recording.paths[0].name, []
     if recording.fps is not None and not RATES_HZ[0] <= recording.fps <= RATES_HZ[1]:
         raise FormatError(

@@ -278,14 +278,14 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
         FormatError: it is not what the format promises.
     """
     if path.is_dir():
-        return plausible(keypoints_json.read_folder(path))
+        return plausible(keypoints_json.read_folder(path), hints.zero)
     if format.name in BESIDE:
-        return plausible(format.read(path, hints))
+        return plausible(format.read(path, hints), hints.zero)
 
     def of_file(file: Path, notes: Sequence[str]) -> FileContents:
         """As of the file that the user named, its findings beginning with how its text was read."""
         _ = head(file).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
-        found = plausible(format.read(file, hints))
+        found = plausible(format.read(file, hints), hints.zero)
         return replace(found, paths=(path,), findings=(*notes, *found.findings), assumed=(*notes, *found.assumed))
 
     return _of_either(path, hints, format, of_file)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from inspect import signature
 from os import PathLike
 from pathlib import Path
@@ -81,7 +81,7 @@ def read(
             (MATLAB files with ``XYtop_left``, a row a frame; DeepLabCut's config.yaml or meta file; tables x,y). None:
             those beside the tracks with names that match, if rays then meet better.
         hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
-            number of cameras of a sparse pixel file, the sheet of a workbook.
+            number of cameras of a sparse pixel file, the sheet of a workbook, what samples at exactly zero are.
         mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions stay pixels.
         fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
             determined.
@@ -140,7 +140,8 @@ def read(
 
 OPTIONS = {name: OTHER_OPTIONS.get(name, "--" + name.replace("_", "-")) for name in {**signature(read).parameters}}
 del OPTIONS["tracks"], OPTIONS["hints"]
-"""The options of the command line that are the arguments of ``read``."""
+OPTIONS |= {one.name: f"--{one.name}" for one in fields(Hints)}
+"""The options of the command line that are the arguments of ``read``, and what hints state."""
 
 
 def in_options(text: str) -> str:

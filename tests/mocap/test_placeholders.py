@@ -35,19 +35,22 @@ def rows(xyz, before, separator):
     )
 
 
-def write_c3d(path, xyz, residual=0.0):
+def write_c3d(path, xyz, residual=0.0, scale=None):
+    """Residuals, one or (T, M), of a file of reals whose residuals count in units of ``scale``."""
     import ezc3d
 
     file = ezc3d.c3d()
     parameters = file["parameters"]["POINT"]
     parameters["UNITS"]["value"], parameters["RATE"]["value"] = ["mm"], [100]
     parameters["LABELS"]["value"] = [f"M{m}" for m in range(xyz.shape[1])]
+    if scale is not None:
+        file.add_parameter("POINT", "SCALE", [-scale])
     data = np.ones((4, *xyz.shape[1::-1]))
     data[:3] = np.moveaxis(xyz, -1, 0).swapaxes(1, 2)
     file["data"]["points"] = data
     shape = data.shape[1:]
     file["data"]["meta_points"] = {
-        "residuals": np.full((1, *shape), residual),
+        "residuals": np.broadcast_to(np.transpose(residual), shape)[None].copy(),
         "camera_masks": np.zeros((7, *shape), bool),
     }
     file.write(str(path))
@@ -208,3 +211,79 @@ def test_zeros_for_missing_near_the_origin(rng):
     xyz = np.full((300, 1, 3), 17.0) + np.cumsum(rng.normal(0, 1, (300, 1, 3)), axis=0) * 0.3
     xyz[100:200] = 0
     assert placeholders(xyz)[100:200].all()
+
+
+@pytest.fixture
+def relative(rng):
+    """Hip, knee and ankle in m, relative to the hip: the first is the origin in all frames, and nothing is missing."""
+    t = np.arange(T) / 100
+    angle = np.stack([0.3 * np.sin(5 * t), 0.3 * np.sin(5 * t) - 0.5 - 0.4 * np.cos(5 * t)])
+    thigh, shank = (np.stack([np.sin(a), 0 * a, -np.cos(a)], axis=-1) * 0.25 for a in angle)
+    return np.stack([np.zeros((T, 3)), thigh, thigh + shank], axis=1) + rng.normal(0, 1e-4, (T, 3, 3)) * [
+        [[0], [1], [1]]
+    ]
+
+
+def write_relative(path, xyz):
+    head = "time (s)," + ",".join(f"{name}_{a} (m)" for name in ("hip", "knee", "ankle") for a in "XYZ")
+    path.write_text(head + "\n" + rows(xyz, lambda i: [f"{i / 100:.2f}"], ","))
+
+
+def test_the_marker_that_is_the_origin_is_a_position(tmp_path, relative):
+    """One marker alone at zero in all frames, and no zeros elsewhere: it is the root, counted; as ``zero`` states it.
+
+    The finding goes the other way where a second marker stays there too, or another jumps there and back.
+    """
+    path = tmp_path / "x.csv"
+    write_relative(path, relative)
+    found = read(path)
+    assert found.points.seen.all()
+    assert found.findings[0].startswith(f"{T} samples at exactly (0, 0, 0) are positions and were read so")
+    assert "all of 'hip', the origin of the others; if they stand for missing, give `zero` missing" in found.findings[0]
+    assert found.findings[0] in found.assumed
+    stated = read(path, Hints(zero="missing"))
+    assert stated.points.seen.all(axis=0).tolist() == [False, True, True]
+    assert f"{T} samples at exactly (0, 0, 0) stand for missing and were read so, as stated" in stated.findings[0]
+    for other in (np.arange(T), np.arange(40, 60)):
+        zeros = relative.copy()
+        zeros[other, 2] = 0.0
+        write_relative(path, zeros)
+        assert read(path).points.seen.any(axis=0).tolist() == [False, True, len(other) < T]
+        assert read(path, Hints(zero="position")).points.seen.all()
+
+
+def test_markers_at_zero_throughout_are_missing_whatever_their_residual(tmp_path, xyz):
+    """Two markers in one place were not seen there, nor one whose residual is the largest of its byte; one else was.
+
+    Read by ezc3d too, so that the file is what it is meant to be: zeros, with a residual above 0.
+    """
+    import ezc3d
+
+    xyz[40:60, 1] = xyz[39, 1]  # only the last marker is at zero
+    one, both = xyz.copy(), xyz.copy()
+    both[:, 2] = 0
+    scale = 0.1
+    largest = np.full((T, M), 5 * scale)
+    largest[:, 3] = 255 * scale
+    for name, places, residual, seen in (
+        ("one", one, 5 * scale, [True, True, True, True]),
+        ("both", both, 5 * scale, [True, True, False, False]),
+        ("largest", one, largest, [True, True, True, False]),
+    ):
+        write_c3d(tmp_path / f"{name}.c3d", places, residual, scale)
+        back = ezc3d.c3d(str(tmp_path / f"{name}.c3d"))
+        np.testing.assert_allclose(back["data"]["meta_points"]["residuals"][0, 3], np.max(residual), rtol=1e-6)
+        found = read(tmp_path / f"{name}.c3d")
+        assert found.points.seen.all(axis=0).tolist() == seen, name
+        assert found.points.seen.any(axis=0).tolist() == seen, name
+        assert "samples at exactly (0, 0, 0)" in found.findings[0]
+
+
+def test_zero_is_stated_on_the_command_line(mocap, tmp_path, relative):
+    """``--zero missing`` is heard, and the finding names the option, and not the argument of Python."""
+    write_relative(tmp_path / "x.csv", relative)
+    code, out, _ = mocap("info", tmp_path / "x.csv")
+    assert code == 0
+    assert "give --zero missing" in " ".join(out.split())
+    code, out, _ = mocap("info", tmp_path / "x.csv", "--zero", "missing")
+    assert "was never seen" in " ".join(out.split())

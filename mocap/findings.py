@@ -72,6 +72,7 @@ class Kind(StrEnum):
     JUMP = "jump", Harm.SAMPLES
     REPEATED_FRAMES = "repeated frames", Harm.SAMPLES
     BY_HAND = "corrections by hand", Harm.SAMPLES
+    CORRECTIONS = "corrections", Harm.SAMPLES, "edits_anyway"
     NEVER_SEEN = "never seen", Harm.SAMPLES
     NEVER_TOGETHER = "never together", Harm.ALL
     IDENTITY_SWITCH = "identity switch"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
-from mocap.findings import Finding
+from mocap.findings import Finding, Kind
 from mocap.pipeline.ideal_pixels import straightened, without_hand, without_lens
 from mocap.pipeline.recording import Recording
 from mocap.records import Status
@@ -217,7 +217,7 @@ class Log:
                 f"{self.name} does not say which recording it corrects (it was written before corrections did): check "
                 "that it belongs to these files"
             )
-            return [Finding(kind="corrections", text=text)]
+            return [Finding(kind=Kind.CORRECTIONS, text=text)]
         difference = self.of.difference(samples_of(recording), self.edits)
         if not difference:
             return []
@@ -227,7 +227,7 @@ class Log:
                 "files that were corrected, or give `edits_anyway` to replay them all the same"
             )
         text = f"{self.name}: corrections of another, or a changed, recording were replayed as asked: {difference}"
-        return [Finding(kind="corrections", alarm=True, text=text)]
+        return [Finding(kind=Kind.CORRECTIONS, alarm=True, text=text)]
 
 
 class OtherRecording(FormatError):

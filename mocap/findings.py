@@ -86,6 +86,7 @@ class Kind(StrEnum):
     REJECTED_CONTRADICTED = "rejected: contradicted"
     REJECTED_DOUBTFUL_NAME = "rejected: doubtful_name"
     REJECTED_RAYS = "rejected: rays"
+    UNLIKE_SIBLINGS = "unlike the other trials", Harm.ALL
     # noise and intervals
     QUANTISED_PIXELS = "quantised pixels", Harm.INTERVALS
     PIXEL_NOISE = "pixel noise", Harm.INTERVALS, "pixel_sd"

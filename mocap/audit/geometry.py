@@ -74,6 +74,17 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
     return found
 
 
+def handedness(cameras: Sequence[Camera], *, y_up: bool) -> bool | None:
+    """Whether the cameras' world is left-handed; None: some are mirrored relative to the others.
+
+    Args:
+        cameras: The C cameras.
+        y_up: Whether the coefficients count pixel rows from the lower left.
+    """
+    mirrored = [decompose(camera).mirrored for camera in cameras]
+    return mirrored[0] != y_up if all(mirrored) or not any(mirrored) else None
+
+
 def fit_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     """Cameras that do not belong to the pixels (``foreign``), or else rays that miss by much (``far_apart``)."""
     return foreign(cameras, ideal_px) or far_apart(cameras, ideal_px)
@@ -100,7 +111,7 @@ def foreign(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     ]
     order = np.argsort(left)
     worst = int(order[0])
-    scatter = _jitter(ideal_px[worst : worst + 1])
+    scatter = jitter_px(ideal_px[worst : worst + 1])
     clicked = CLEAR_SD * scatter if scatter else LARGE_PX  # careless clicks miss by no more
     # four times as near, and twice as near as without another: all planted ones of 20 px are found
     # (docs/experiments/audit_measured.md)
@@ -133,7 +144,7 @@ def foreign(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
 
 def _near_enough(ideal_px: Array) -> float:
     """A median residual that nobody is warned of: careless clicks let rays meet no nearer."""
-    return max(LARGE_PX, CLEAR_SD * _jitter(ideal_px))
+    return max(LARGE_PX, CLEAR_SD * jitter_px(ideal_px))
 
 
 def far_apart(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
@@ -141,7 +152,7 @@ def far_apart(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     matrices, uv = stacked(cameras), spread_points(ideal_px, 3000)  # as ``foreign``
     if len(cameras) < 2 or uv.shape[1] < 5:
         return []
-    whole, jitter = median_miss(matrices, uv), _jitter(ideal_px)
+    whole, jitter = median_miss(matrices, uv), jitter_px(ideal_px)
     if whole <= _near_enough(ideal_px):
         return []
     against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
@@ -169,7 +180,7 @@ def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | 
     own[np.isfinite(uv[..., 0]).sum(axis=1) < FEWEST_SHARED] = np.nan
     if not np.isfinite(own).any():
         return None
-    scatter = np.array([_jitter(one[None]) or np.inf for one in ideal_px])  # where it is not known, clicks may be it
+    scatter = np.array([jitter_px(one[None]) or np.inf for one in ideal_px])  # where it is not known, clicks may be it
     best = int(np.nanargmin(own))
     bad = (own > UNEVEN * own[best]) & (own > np.maximum(CLEAR_SD * scatter, LEAST_UNEVEN_PX))
     if not bad.any():
@@ -185,7 +196,7 @@ def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | 
     )
 
 
-def _jitter(ideal_px: Array) -> float:
+def jitter_px(ideal_px: Array) -> float:
     """Standard deviation of clicks from frame to frame, by third differences (variance 20 times theirs); 0: unknown."""
     uv = ideal_px.reshape(len(ideal_px), ideal_px.shape[1], -1)
     third = np.abs(np.diff(uv, n=3, axis=1))

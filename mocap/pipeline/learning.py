@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mocap.audit.across import compared
 from mocap.errors import MocapError
 from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, WITH_JOINTS, Effort, best_of
 from mocap.filters.model import LearnedModel, learn_model, own_trials
@@ -19,6 +20,7 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.model_file import load_model as read_model
 from mocap.pipeline.model_file import save_model
 from mocap.pipeline.recording import Recording, as_recording
+from mocap.pipeline.session import facts_of
 from mocap.pipeline.tracking import marker_trial, seen_frames
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
@@ -105,6 +107,9 @@ def learn(
     if isinstance(recordings, str | PathLike | Recording):
         raise MocapError(f"mocap.learn takes a list of recordings, not {type(recordings).__name__}: mocap.learn([...])")
     recordings = _told_apart([as_recording(recording, "learn") for recording in recordings])
+    for name, findings in compared([facts_of(recording) for recording in recordings]).items():
+        for finding in findings:
+            progress(f"{name}: {finding.text}")
     return Model(learn_from(recordings, seed=seed, models=WITH_JOINTS if joints else MODELS, tell=progress))
 
 

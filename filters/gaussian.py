@@ -25,6 +25,10 @@ from eal.arrays import Array
 MOST = float(np.finfo(float).eps) ** -0.5
 """No observation makes anything known better by more than this factor in variance at once: of a sharper one a share of
 its information is taken first, and then the rest. 1 + H P H^T keeps half of its digits, whatever the noise."""
+SUBTRACTS_TO = 1e4
+"""Up to so large a factor in variance P - W^T W is taken as it stands: of sixteen digits it loses as many as the factor
+has, and keeps twelve. Of a larger one, as where a gap leaves metres and one ray a millimetre of them, a sum of squares
+(Joseph) loses none, and takes an inverse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,9 +355,7 @@ def condition(state: Moments, rows: Array, gains: Array, innovation: Array) -> t
     solved, log_det = whitened(spread, np.concatenate([gains, rows, innovation[..., None]], axis=-1))
     w, y, z = solved[..., :n], solved[..., n:-1], solved[..., -1]
     mean = state.mean + _times(_t(w), z)
-    # of sixteen digits P - W^T W loses as many as this factor has, as where a gap leaves metres and one ray a
-    # millimetre of them: then a sum of squares (Joseph), with 1 - K H by an inverse; so are markers by themselves
-    if state.mean.ndim == 1 and widest < 1e4:
+    if state.mean.ndim == 1 and widest < SUBTRACTS_TO:  # markers by themselves are small: always a sum of squares
         return Moments(mean, state.cov - _t(w) @ w), Update(y, w, z, log_det)
     near = state.cov[..., :, :reads] @ (_t(rows) @ rows)
     left = np.zeros(state.cov.shape)

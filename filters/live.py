@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.observations import Observations
-from mocap.filters.observe import Observed
+from mocap.filters.observe import GATE_SD, Observed
 from mocap.filters.track import filter_frame, smooth_back
 
 from eal.arrays import Array
@@ -51,7 +51,7 @@ def live(
     *,
     lag: int,
     every: int = 1,
-    gate_sd: float = 6.0,
+    gate_sd: float = GATE_SD,
 ) -> Iterator[LiveEstimate]:
     """Fixed-lag smoothing (Anderson & Moore 1979, chapter 7): every frame once, with ``lag`` frames of hindsight.
 

@@ -15,6 +15,9 @@ PRIOR = 12.0
 """What gaps of one length show of scales is drawn to what those of all lengths do as if so many gaps more had, and what
 those of one recording show of the width to what was learned. Chosen; the second use is measured in
 docs/experiments/widths.md."""
+UNCHANGED = 2.0
+"""How models compare in one recording changes their scales as if so many gaps more had shown that nothing is to be
+changed: of two gaps half of the logarithm is taken, of thirty nearly all. Chosen."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,7 +96,7 @@ class Mixture:
 
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
         each is multiplied by what makes its root mean square error in stated deviations 1 in the geometric mean over
-        gaps, as if two gaps more had shown that nothing is to be changed; that is for the weights.
+        gaps, as if ``UNCHANGED`` gaps more had shown that nothing is to be changed; that is for the weights.
 
         What was learned is the prior of the width, and counts as ``PRIOR`` gaps at most, for recordings differ.
 
@@ -105,7 +108,9 @@ class Mixture:
             scaled = replace(part, variance=part.variance * scaling[:, None] ** 2)
             found.append(_log_scale(scaled))
         count = len(np.unique(gap))
-        scaled = replace(self, scale=self.scale * np.exp(count / (count + 2) * (np.array(found) - np.mean(found))))
+        scaled = replace(
+            self, scale=self.scale * np.exp(count / (count + UNCHANGED) * (np.array(found) - np.mean(found)))
+        )
         learned = min(self.dof, PRIOR * residuals[0].error_m.shape[1])
         own = mixed_residuals(replace(scaled, widen=1.0, dof=np.inf), residuals)
         return replace(scaled, **_width(own, prior=self.widen, dof=learned))

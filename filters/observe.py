@@ -10,6 +10,10 @@ from scipy.linalg.lapack import dgesv  # type: ignore[attr-defined]  # made at r
 
 from eal.arrays import Array
 
+GATE_SD = 6.0
+"""Rows further from their prediction than so many of its deviations are not believed alone (``gate_groups``): of normal
+errors one in 5e8, so that what is left out there is a mistake, and less far heavy tails do the work. Chosen."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observed:
@@ -60,7 +64,7 @@ def gate_groups(
 
 
 def observe(
-    markers: Markers, sights: Sights, *, gate_sd: float = 6.0, rounds: int = 3
+    markers: Markers, sights: Sights, *, gate_sd: float = GATE_SD, rounds: int = 3
 ) -> tuple[Moments, Update | None, Observed]:
     """Condition a state on the sights of a frame.
 

@@ -19,6 +19,9 @@ LEAST = 3
 """Markers of a body: two have no axes."""
 WOBBLES_DEG = 5.0
 """How far the frame of a body turns at most by what its markers move in it."""
+NOT_BY_CHANCE = 0.999
+"""Level of the F test for a body's distances to vary less than others: of a hundred markers' few hundred sets one is
+by chance above it."""
 
 
 def independent_samples(away: Array) -> Array:
@@ -81,7 +84,7 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
             continue
         pairs = np.array(np.triu_indices(len(members), 1))
         shown = float(np.median(samples[members][:, members][pairs[0], pairs[1]]))
-        least = float(fdtri(shown, shown, 0.999))  # of a hundred markers' few hundred sets one is by chance
+        least = float(fdtri(shown, shown, NOT_BY_CHANCE))
         others = np.setdiff1d(np.arange(count), members)
         if len(others):
             ratio = (float(heights[others][:, members].max(axis=1).min()) / height) ** 2

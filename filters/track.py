@@ -16,7 +16,7 @@ from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
-from mocap.filters.observe import Observed, observe, unused
+from mocap.filters.observe import GATE_SD, Observed, observe, unused
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import RatePoints
 
@@ -63,7 +63,7 @@ def filter_forward(
     *,
     frames: range | None = None,
     before: Moments | None = None,
-    gate_sd: float = 6.0,
+    gate_sd: float = GATE_SD,
     progress: Progress | None = None,
 ) -> Iterator[Frame]:
     """Filter frames, one after the other.
@@ -111,7 +111,7 @@ def smooth(
     observations: Observations,
     t_s: Array,
     *,
-    gate_sd: float = 6.0,
+    gate_sd: float = GATE_SD,
     most_bytes: float = 1e9,
     rate_points: RatePoints | None = None,
     progress: Progress | None = None,

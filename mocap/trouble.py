@@ -18,6 +18,9 @@ _OURS = {"mocap", "eal", "filters", "datasets"}
 _GROUPS = ("mocap.formats", "mocap.models", "mocap.views", "eal.kernels")
 """Of entry points, by which other packages extend this one (``eal.plugins``)."""
 
+INSTALLING = "installing"
+"""The page (of ``mocap help``) for what is not installed, or not as it should be."""
+
 
 @dataclass(frozen=True)
 class Trouble:
@@ -40,7 +43,7 @@ def trouble_of(error: BaseException) -> Trouble:
         place = f" ({os.fsdecode(error.filename)})" if isinstance(error, OSError) and error.filename else ""
         return Trouble(f"the disk is full, or your quota is used up{place}: free some space, or choose another place")
     if isinstance(error, MissingPackageError):  # an extra, whose message says how to install it
-        return Trouble(str(error), page="installing")
+        return Trouble(str(error), page=INSTALLING)
     if isinstance(error, MocapError):
         return Trouble(" ".join(str(error).split("\n")), page=error.page)
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":

@@ -144,6 +144,7 @@ SLOW = {
     "mocap/web/test_web_server.py": 8,
     "test_installed.py": 40,
     "test_plugins.py": 4,
+    "test_satellites.py": 70,
     "test_time_limit.py": 4,
 }
 """Files that take more than three seconds of processor time, with roughly how many; ``make quick`` leaves them out.

@@ -1,4 +1,7 @@
-"""Joints designed from potentials: trusses whose strain energy U(q) is V_z(q), EAL paper, section 2.3."""
+"""Joints designed from potentials: trusses whose strain energy U(q) is V_z(q), EAL paper, section 2.3.
+
+A potential and limits come in. A truss, its errors and its motion go out. It touches no file.
+"""
 
 from eal.joint_design.design import GOAL, Design, design_truss
 from eal.joint_design.equilibrium import Equilibria, equilibria

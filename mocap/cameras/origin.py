@@ -25,6 +25,14 @@ CLEARLY = 1.2
 """A choice is clear where the next best leaves a residual so many times as large. Chosen: errors of
 focal lengths of 0.5 % look like distortion, and lower it by as much (docs/experiments/audit_measured.md)."""
 
+AS_PROGRAMS_DO = 1.5
+"""Pixels and coefficients count from one corner, as programs write them, unless another choice fits so many times as
+well. Chosen: above ``CLEARLY``, as a file of two corners is rare."""
+MISFIT, MISFIT_PX = 0.03, 10.0
+"""Pixels and a calibration belong to each other where the median residual is up to so large a share of what the points
+span, and in any case up to so many pixels. Chosen: a calibration of another session misses by a tenth of the image and
+more, careless digitising and a lens that is not corrected by a hundredth."""
+
 
 class OriginError(CalibrationError):
     """The corner cannot be told from one file; other files of its session may tell."""
@@ -125,7 +133,7 @@ def decide_origin(
 
     Every choice that the user's statements allow is triangulated; the one with the smallest median residual is taken if
     it is clear or if the others give the same points. Programs count pixels and coefficients from the same corner, and
-    each from a corner of its own: such a choice is taken unless another fits 1.5 times as well.
+    each from a corner of its own: such a choice is taken unless another fits ``AS_PROGRAMS_DO`` times as well.
 
     Args:
         cameras: The C cameras, lenses from the upper left.
@@ -166,7 +174,9 @@ def decide_origin(
         raise CalibrationError(
             "the stated pixel origins differ, but the image height is not known: give `image_height_px`"
         )
-    as_programs_do = [t for t in allowed if t[1] == t[2] == (options.usual or t[1]) and t[0] <= 1.5 * allowed[0][0]]
+    as_programs_do = [
+        t for t in allowed if t[1] == t[2] == (options.usual or t[1]) and t[0] <= AS_PROGRAMS_DO * allowed[0][0]
+    ]
     allowed = as_programs_do or allowed
     alike = [t for t in allowed if _same(t, allowed[0])]
     best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))
@@ -176,7 +186,7 @@ def decide_origin(
     if found is not None and BETTER * found.undone_px < worst:
         raise ArrangementError(replace(found, residual_px=worst))
     size = float(np.nanmax(uv_px, initial=1.0) - np.nanmin(uv_px, initial=0.0))
-    if best[0] > max(0.03 * size, 10.0):
+    if best[0] > max(MISFIT * size, MISFIT_PX):
         cropped = may_be_cropped(cameras, uv_px)
         if cropped is not None:
             raise CalibrationError(

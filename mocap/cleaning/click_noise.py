@@ -13,6 +13,8 @@ is learned of cameras is drawn to it (``DOFS``)."""
 DOFS = np.geomspace(3.0, 60.0, 16)
 """Degrees of freedom that are tried. Small and large digitising errors are a mixture, whose most likely t has 2: points
 are nearer to the truth with 3, intervals as good (0.677 mm, 95.6 % against 0.679 mm, 94.8 %; a bat, 8 cameras)."""
+LOG_DOF_SD = 0.5
+"""Prior deviation of log nu about the usual: of 19 cameras in 20 nu is between 1.5 and 11. Chosen."""
 SHRINK = 30.0
 """Redundant errors that the factors of a camera and of a marker are shrunk to 1 by. Chosen: so many show a scale to
 1 / sqrt(2 * 30) = 13 %."""
@@ -50,8 +52,8 @@ def click_noise(
     """Estimate scales and degrees of freedom from residuals of triangulation.
 
     ECME (Liu & Rubin 1995, Biometrika 81): weights w = (nu + 2) / (nu + d^2) with d^2 = 2 r^2 / (rho s^2), where rho is
-    the redundancy of the ray (``mocap.cameras.triangulate.Fit``), which gives back what the three coordinates of each
-    point took up; then in turn points, the common scale, cameras and markers from s^2 = sum w r^2 / sum rho (the
+    the redundancy of the ray (``mocap.cameras.triangulate.PointFit``), which gives back what the three coordinates of
+    each point took up; then in turn points, the common scale, cameras and markers from s^2 = sum w r^2 / sum rho (the
     factors with ``SHRINK`` more errors of factor 1), and nu where the density of d^2 itself,
     prod (1 + d^2 / nu)^-(nu + 2)/2 / (2 pi), times its prior, is greatest.
 
@@ -123,7 +125,7 @@ def _most_likely_dof(distance: Array) -> float:
     for _ in range(2):
         grown = 1 + fours / nu
         likelihood = -0.5 * (nu + 2) * np.log(grown[0] * grown[1] * grown[2] * grown[3]).sum(axis=0)
-        likelihood -= 0.5 * (np.log(nu / USUAL_DOF) / 0.5) ** 2  # prior SD of log(nu)
+        likelihood -= 0.5 * (np.log(nu / USUAL_DOF) / LOG_DOF_SD) ** 2
         best = float(nu[np.argmax(likelihood)])
         nu = np.geomspace(max(best / 1.2, DOFS[0]), best * 1.2, 21)
     return best
@@ -150,7 +152,7 @@ def student_t(
     such a ray is (nu + 2) / (nu + 4) / s^2 in each coordinate, which the deviations below are set to.
 
     The scale follows from s^2 = sum v r^2 / sum rho over all rays, each divided by its factors, with
-    v = (nu + d) / (nu + d r^2 / (rho s^2)), rho the redundancy of a ray (``mocap.cameras.triangulate.Fit``) and d
+    v = (nu + d) / (nu + d r^2 / (rho s^2)), rho the redundancy of a ray (``mocap.cameras.triangulate.PointFit``) and d
     the number of its errors that are left in its residual: 2, or 1 of two rays, which show how far they pass each other
     and no more.
     Residuals in place of errors in v would make it 9 % too large with eight cameras, 18 % with four, 38 % with two.

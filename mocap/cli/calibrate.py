@@ -15,7 +15,7 @@ from mocap.errors import CalibrationError
 
 if TYPE_CHECKING:
     from mocap.calibration.boards import Board
-    from mocap.pipeline.calibration_files import CalibrationReport
+    from mocap.calibration.calibration_files import CalibrationReport
 
 SquareMm = Annotated[float, typer.Option(help="Side of a square in millimetres.")]
 LensModel = Annotated[
@@ -89,8 +89,8 @@ def _calibrated(
     **how: Any,
 ) -> None:
     """Write the folder of cameras and their report that were made, and say what came of it."""
+    from mocap.calibration.calibration_files import write_calibration_folder
     from mocap.io.output import result_folder
-    from mocap.pipeline.calibration_files import write_calibration_folder
 
     with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
         cameras, *upright, report = made()
@@ -124,7 +124,7 @@ def images(
     as_json: AsJson = False,
 ) -> None:
     """From images of a checkerboard or ChArUco board: lenses and positions of 1 to 30 cameras."""
-    from mocap.pipeline.calibrate import from_pictures
+    from mocap.calibration.calibrate import from_pictures
 
     board = filmed.board(square_mm)
     made = partial(from_pictures, folder, board, world_frame=world_frame, lens=lens, calibration=lenses, tell=say)
@@ -147,10 +147,10 @@ def lenses(
     as_json: AsJson = False,
 ) -> None:
     """Each camera's lens from its own images or video of a board; `places` then finds where the cameras are."""
+    from mocap.calibration.calibrate_lenses import lenses_from_pictures
+    from mocap.calibration.calibration_files import write_report
     from mocap.io.anipose import NAME, write_lenses
     from mocap.io.output import result_folder
-    from mocap.pipeline.calibrate_lenses import lenses_from_pictures
-    from mocap.pipeline.calibration_files import write_report
 
     board = filmed.board(square_mm)
     with result_folder(out, "lenses", replace=force, beside=True, inputs=[folder], tell=say) as made:
@@ -192,7 +192,7 @@ def places(
     as_json: AsJson = False,
 ) -> None:
     """Where cameras with known lenses are: from known points clicked in each image, or one board on the floor."""
-    from mocap.pipeline.calibrate_places import places_from_board, places_from_points
+    from mocap.calibration.calibrate_places import places_from_board, places_from_points
 
     if (board is None) == (points is None or pixels is None):
         raise CalibrationError("state what is known: --points and --pixels, or --board with the board's size")
@@ -234,7 +234,7 @@ def wand(
     as_json: AsJson = False,
 ) -> None:
     """From two points of known distance (a wand) moved through the volume, and background points."""
-    from mocap.pipeline.calibrate import from_wand
+    from mocap.calibration.calibrate import from_wand
 
     how = {"background": background, "profile": profile, "length_m": length_m, "moves": free, "tell": say}
     made = partial(from_wand, file, lower_left=origin == "lower-left", **how)
@@ -256,7 +256,7 @@ def dlt(
     as_json: AsJson = False,
 ) -> None:
     """From points of known position: 11 DLT coefficients for each camera."""
-    from mocap.pipeline.calibrate import UNITS_M, from_points
+    from mocap.calibration.calibrate import UNITS_M, from_points
 
     scale = UNITS_M.get(unit)
     if scale is None:
@@ -286,7 +286,7 @@ def refine(
 ) -> None:
     """From the markers of a recording: refine camera positions and orientations until its rays intersect."""
     import mocap
-    from mocap.pipeline.calibrate import from_tracks
+    from mocap.calibration.calibrate import from_tracks
 
     recording = mocap.read(tracks, fps=1.0, **options.arguments())
     made = partial(from_tracks, recording, bones=bone or [], focal=focal)

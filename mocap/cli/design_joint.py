@@ -138,10 +138,10 @@ def design_joint(
     from mocap.io.output import result_folder
     from mocap.joint_design.design import Wish
     from mocap.joint_design.design import design_joint as shape_joint
+    from mocap.joint_design.log_truss import write_truss_recording
     from mocap.joint_design.report import readable, report, write_design
     from mocap.joint_design.source import read_source
     from mocap.progress import Stages
-    from mocap.rerun.log_truss import write_truss_recording
 
     limits = size.limits(truss)
     found = read_source(source, joint, skeleton)

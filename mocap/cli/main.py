@@ -10,53 +10,14 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from mocap.cli.batch import batch
-from mocap.cli.calibrate import calibrate
-from mocap.cli.compare_joints import compare_joints
 from mocap.cli.console import in_words_of, say, say_error, show_text, talk_in_any_encoding, visible
-from mocap.cli.convert import convert, triangulate
-from mocap.cli.data import data
-from mocap.cli.demo import demo
-from mocap.cli.design_joint import design_joint
-from mocap.cli.desk import desk
-from mocap.cli.digitise import digitise
-from mocap.cli.help import help_
-from mocap.cli.info import info
-from mocap.cli.kinematics import kinematics
-from mocap.cli.learn import label, learn
-from mocap.cli.options import Command
-from mocap.cli.reproduce import reproduce
-from mocap.cli.skeleton import skeleton
-from mocap.cli.track import track
-from mocap.cli.view import share, view
+from mocap.cli.table import ENTRIES, Commands
 from mocap.errors import MocapError
 from mocap.trouble import ended_by_plugin, trouble_of
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED, TERMINATED = 1, 70, 130, 143
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), Ctrl-C, and SIGTERM."""
-COMMANDS = {
-    info: "your_files",
-    convert: "your_files",
-    triangulate: "your_files",
-    digitise: "digitising",
-    label: "digitising",
-    track: "your_files",
-    batch: "batch",
-    desk: "desk",
-    kinematics: "kinematics",
-    learn: "several_recordings",
-    skeleton: "skeleton",
-    demo: "first_bat",
-    view: "looking",
-    share: "looking",
-    reproduce: "potential",
-    design_joint: "mechanism",
-    compare_joints: "comparing",
-}
-"""The page of each command, for errors whose kind has none of its own."""
-PAGES = {command.__name__.replace("_", "-"): page for command, page in COMMANDS.items()}
-PAGES |= {"data": "truth", "calibrate": "calibration"}
 
 
 class _Stopped(Exception):
@@ -72,7 +33,11 @@ def _terminate(_number: int, _frame: object) -> None:
 
 
 class _Commands(TyperGroup):
-    """The commands; what the user typed is shown in messages without acting on the terminal."""
+    """The commands of the table; what the user typed is shown in messages without acting on the terminal."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = Commands()  # type: ignore[assignment]  # none is added
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -80,7 +45,8 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt as error:
             raise _Stopped from error
         except MocapError as error:
-            error.page = error.page or PAGES.get(ctx.invoked_subcommand)
+            if ctx.invoked_subcommand in ENTRIES:
+                error.page = error.page or ENTRIES[ctx.invoked_subcommand].page
             raise
         except Exception as error:
             if hasattr(error, "format_message") and hasattr(error, "message"):  # wrong usage
@@ -116,13 +82,6 @@ def start(
         raise typer.Exit
     if context.invoked_subcommand is None:
         show_text(START)
-
-
-for command in COMMANDS:
-    app.command(cls=Command)(command)
-app.command("help", cls=Command)(help_)
-app.add_typer(data, name="data")
-app.add_typer(calibrate, name="calibrate")
 
 
 def main() -> None:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap import audit
-from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
 from mocap.cameras import triangulate
+from mocap.cameras.lens_of_tracks import lens_covariance, moved_by_lens
 from mocap.cleaning.bias import lasting_bias, persistent_px, ray_bias
 from mocap.cleaning.camera_health import camera_health, shifted_back
 from mocap.cleaning.clean import clean as cleaned_positions

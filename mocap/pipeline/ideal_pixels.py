@@ -8,8 +8,8 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap import audit
-from mocap.calibration.lens_of_tracks import lens_of_tracks
 from mocap.cameras.camera import Camera, scaled, stacked
+from mocap.cameras.lens_of_tracks import lens_of_tracks
 from mocap.cameras.origin import PixelOptions, PixelOrigin, decide_origin, origin_alone
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.lines import UNIT_M

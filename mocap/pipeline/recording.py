@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from eal.over_time import OverTime, at_frames
 from mocap import audit
-from mocap.calibration.lens_of_tracks import TrackLens
 from mocap.calls import check_stated
 from mocap.cameras.camera import Camera, stacked
+from mocap.cameras.lens_of_tracks import TrackLens
 from mocap.cameras.origin import PixelOrigin
 from mocap.cleaning.camera_health import BadTime
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.audit import StalePoint
-from mocap.calibration.lens_of_tracks import TrackLens
+from mocap.cameras.lens_of_tracks import TrackLens
 from mocap.cleaning.bias import RayBias
 from mocap.cleaning.camera_health import CameraHealth
 from mocap.cleaning.clean import POSE_MARKERS, REASONS, shows_a_pose

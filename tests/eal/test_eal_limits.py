@@ -5,7 +5,19 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.special import ndtri
 
-from eal import choose, compare, fit_potential, fitting, load_potential, midpoint, radius
+from eal import (
+    GaussianKernel,
+    Matern32Kernel,
+    Matern52Kernel,
+    Projection,
+    choose,
+    compare,
+    fit_potential,
+    fitting,
+    load_potential,
+    midpoint,
+    radius,
+)
 from eal.archive import ArchiveError
 from eal.arrays import Z95
 from eal.checks import checked_lambda
@@ -124,3 +136,18 @@ def test_lines_of_equal_deviation_are_a_tenth_apart(monkeypatch):
     monkeypatch.setattr(ax, "contour", lambda *of, **how: levels.extend(how["levels"]) or contour(*of, **how))
     fit_potential(np.random.default_rng(0).normal(size=(20, 2))).plot(ax)
     np.testing.assert_allclose(levels, [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize("kernel", [GaussianKernel, Matern32Kernel, Matern52Kernel])
+def test_the_limit_of_the_curvature_is_met(kernel):
+    """V of one sample is 1 - K^2, whose curvature there is that limit: 4 beta for the Gaussian kernel, in closed form.
+
+    Of several samples it is no larger at any of them.
+    """
+    one = fit_potential([[0.3, -0.2]], kernel=kernel(beta=1.7), spectral_filter=Projection(), lam=1e-6)
+    np.testing.assert_allclose(one.hessian([0.3, -0.2]), one.curvature_limit * np.eye(2), rtol=1e-9)
+    if kernel is GaussianKernel:
+        assert one.curvature_limit == pytest.approx(4 * 1.7)
+    z = np.random.default_rng(0).normal(size=(30, 2))
+    several = fit_potential(z, kernel=kernel(beta=1.7), spectral_filter=Projection(), lam=1e-6)
+    assert np.linalg.eigvalsh(several.hessian(z)).max() <= several.curvature_limit * (1 + 1e-6)

@@ -5,12 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mocap.filters import one_camera, roughness, track
+from mocap.filters import one_camera, rigid, roughness, track
 from mocap.filters.anatomy import Anatomy, Limb
 from mocap.filters.bodies import rod, rod_masses
 from mocap.filters.bones import rigid_bones, size_factor
 from mocap.filters.errors import FilterError
 from mocap.filters.first_poses import looks_like
+from mocap.filters.gaussian import Markers, Moments, View, condition
 from mocap.filters.groups import groups_of
 from mocap.filters.joint_types import joints_of
 from mocap.filters.mixture import Mixture
@@ -18,6 +19,8 @@ from mocap.filters.models import articulated, lagrangian, pose
 from mocap.filters.models.delayed_poses import Neighbours
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.observations import Sights
+from mocap.filters.observe import observe
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, MarkerTrial, known_shapes
 from mocap.filters.rigid import wobble_deg
 from mocap.filters.score import Residuals
@@ -25,6 +28,7 @@ from mocap.filters.trajectory import Quadratic, most_probable
 from mocap.filters.tree import Tree
 from mocap.filters.whittaker import fastest_hz
 from scipy.spatial.transform import Rotation
+from scipy.special import fdtri
 
 from eal import fit_potential
 from mocap.cameras.camera import project, stacked
@@ -311,7 +315,62 @@ def test_three_tenths_of_the_inertia_turn_with_each_joint():
 
 def test_an_unseen_pose_is_charged_a_tenth_of_the_kinetic_energy(monkeypatch):
     """Of 3 J, where V_z of unseen poses is a half."""
-    monkeypatch.setattr(lagrangian, "_unseen", lambda _limb: np.full(10, np.log(2)))
-    limb = SimpleNamespace(potential=fit_potential([[0.0], [1.0]]), on_residual=np.eye(1))
+    monkeypatch.setattr(lagrangian, "_unseen", lambda *_: np.full(10, np.log(2)))
+    limb = SimpleNamespace(potential=fit_potential([[0.0], [1.0]]), on_residual=np.eye(1), samples=None)
     model = SimpleNamespace(potentials=(limb,), arm_m=np.ones(1))
     assert lagrangian._valleys(model, 3.0, SimpleNamespace(potential="limbs"))[1] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(("factor", "subtracts"), [(0.9e4, True), (1.1e4, False)])
+def test_covariances_are_subtracted_where_a_variance_falls_by_up_to_ten_thousand(factor, subtracts):
+    """One row of unit noise; both ways give 1 / (1 / P + 1), here to the digits that a subtraction leaves."""
+    state, rows = Moments(np.zeros(2), np.diag([factor, 1.0])), np.array([[1.0, 0.0]])
+    after, update = condition(state, rows, rows @ state.cov, np.array([2.0]))
+    assert (update.left is None) == subtracts
+    assert after.cov[0, 0] == pytest.approx(factor / (1 + factor), rel=1e-11)
+
+
+@pytest.mark.parametrize(("off_sd", "believed"), [(5.9, True), (6.1, False)])
+@pytest.mark.parametrize("vague_m", [0.0, 3.0])
+def test_a_row_is_believed_to_six_deviations(off_sd, believed, vague_m):
+    """One ray of unit noise in each pixel coordinate, of a marker that is known so well; of both variances together."""
+    seen = Sights(
+        where=np.array([[0, 0]]),
+        size=np.array([2]),
+        innovation=np.array([[off_sd * np.hypot(1.0, vague_m), 0, 0]]),
+        slope=np.diag([1.0, 1.0, 0.0])[None],
+        sd=np.ones((1, 3)),
+        dof=np.array([np.inf]),
+        apart=np.array([False]),
+    )
+    state = Moments(np.zeros(3), (vague_m**2 + 1e-12) * np.eye(3))
+    _, update, what = observe(Markers(state, View(np.zeros((1, 3)), np.eye(3))), seen)
+    assert (update is not None) == believed
+    assert what.weight.tolist() == [float(believed)]
+
+
+@pytest.mark.parametrize("gaps", [2, 6])
+def test_scales_of_models_are_drawn_to_what_they_were_by_two_gaps(gaps):
+    """Of two models whose errors are e times and 1/e times those stated: by n / (n + 2) of the logarithm."""
+    one = np.ones((gaps, 3))
+    shown = [
+        Residuals(
+            error_m=factor * one, variance=one, noise=np.zeros(gaps), gap=np.arange(gaps), length=np.full(gaps, 20)
+        )
+        for factor in (np.e, 1 / np.e)
+    ]
+    mixed = Mixture(
+        offset=np.zeros(2), slope=np.zeros(2), length=np.array([20.0]), scale=np.ones((1, 2)), widen=1.0, dof=30.0
+    )
+    part = gaps / (gaps + 2)
+    np.testing.assert_allclose(mixed.calibrated(shown).scale, [[np.exp(part), np.exp(-part)]], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("level", "bodies"), [(0.9985, []), (0.9994, [[0, 1, 2]])])
+def test_a_body_stands_out_at_one_of_a_thousand(monkeypatch, level, bodies):
+    """Three markers whose distances vary less than those to a fourth, by F of twenty independent samples each."""
+    spread = np.ones((4, 4))
+    spread[3], spread[:, 3] = 2 * [np.sqrt(fdtri(20, 20, level))]
+    monkeypatch.setattr(rigid, "distance_spread", lambda _trial: (spread, np.full((4, 4), 20.0)))
+    monkeypatch.setattr(rigid, "wobble_deg", lambda _xyz: 0.0)
+    assert rigid.find_bodies(trial_of(np.zeros((5, 4, 3)))) == bodies

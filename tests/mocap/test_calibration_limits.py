@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mocap.calibration import board_rig, intrinsics, lens_of_tracks, places, refine, wand
+from mocap.calibration import board_rig, intrinsics, places, refine, wand
 from mocap.calibration.chain import first_stands, rigid
 from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.places import place_camera
 from mocap.calibration.scene import distinct, turn
+from mocap.cameras import lens_of_tracks
 from mocap.cameras.camera import KnownLens, record
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 
 import mocap
+from mocap.calibration import calibrate
+from mocap.calibration.calibrate import from_points, from_wand
 from mocap.cameras.camera import record, stacked
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.dltdv import read_pixels, write_coefficients
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, identify, read
-from mocap.pipeline import calibrate
-from mocap.pipeline.calibrate import from_points, from_wand
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_calibrate import wand_files
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import root_scalar
 from scipy.special import chdtri
 
 from mocap.cameras.camera import project, stacked
@@ -413,3 +414,16 @@ def test_a_run_in_one_camera_pays_for_a_change_and_a_margin(gain, found):
     each = np.full(10, -1.0)
     each[4:6] = gain / 2
     assert len(_runs((0, 0, 1), each, np.ones((10, 2), dtype=bool))) == found
+
+
+@pytest.mark.parametrize(("distance", "count"), [(0.5, 40), (1.0, 20), (20.0, 1)])
+def test_degrees_of_freedom_are_drawn_to_four_within_a_factor_of_e_to_the_half(distance, count):
+    """Where the slopes of the density of so many equal distances and of the prior add up to 0, by SciPy, to 2 %."""
+
+    def slope(log_nu):
+        nu = np.exp(log_nu)
+        by_log = count * nu * (-0.5 * np.log1p(distance / nu) + 0.5 * (nu + 2) * distance / (nu * (nu + distance)))
+        return by_log - (log_nu - np.log(4.0)) / 0.5**2
+
+    expected = np.exp(root_scalar(slope, bracket=(np.log(3.0), np.log(60.0))).root)
+    assert _most_likely_dof(np.full(count, distance)) == pytest.approx(expected, rel=0.02)

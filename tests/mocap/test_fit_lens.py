@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mocap.datasets.bats import make_bat_wind_tunnel
 
-from mocap.calibration.lens_of_tracks import lens_of_tracks
 from mocap.cameras.camera import Camera, project, stacked, undistorted
 from mocap.cameras.lens import BrownLens
+from mocap.cameras.lens_of_tracks import lens_of_tracks
 from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError
 from mocap.pipeline.cleaning import clean as cleaned

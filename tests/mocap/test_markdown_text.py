@@ -9,8 +9,8 @@ from markdown_it import MarkdownIt
 from mocap.datasets import make_bat, write_recording
 from mocap.filters.models.registry import NAMED
 
+from mocap.calibration.calibration_files import table
 from mocap.findings import readings
-from mocap.pipeline.calibration_files import table
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.report import make_report, readable

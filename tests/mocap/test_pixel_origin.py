@@ -8,6 +8,7 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 
 from mocap.audit import stale_points
+from mocap.cameras import origin
 from mocap.cameras.camera import dlt_coefficients, flipped, record
 from mocap.cameras.origin import OriginError, PixelOptions, decide_origin
 from mocap.cameras.triangulate import linear
@@ -178,3 +179,36 @@ def test_a_calibration_that_does_not_fit_is_refused_by_read(tmp_path):
     np.savetxt(tmp_path / "other.csv", table, delimiter=",")
     with pytest.raises(CalibrationError):
         read(files["pixels"], fps=240, calibration=tmp_path / "other.csv")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "corners"), [(1.45, ("upper-left", "upper-left")), (1.55, ("upper-left", "lower-left"))]
+)
+def test_one_corner_is_taken_unless_two_fit_one_and_a_half_times_as_well(monkeypatch, ratio, corners):
+    """Residuals of the four choices as they are tried: one corner, then two of a kind that fit better, then one."""
+    cameras, _, uv = filmed(False)
+    misses = iter([ratio, 1.0, 1.0, ratio])
+    monkeypatch.setattr(origin, "median_miss", lambda *_: next(misses))
+    monkeypatch.setattr(origin, "find_arrangement", lambda *_, **__: None)
+    found = decide_origin(cameras, uv, PixelOptions(image_height_px=HEIGHT))
+    assert (found.pixels, found.coefficients) == corners
+
+
+@pytest.mark.parametrize(
+    ("span_px", "miss_px", "fits"),
+    [(1000.0, 29.0, True), (1000.0, 31.0, False), (100.0, 9.5, True), (100.0, 10.5, False)],
+)
+def test_pixels_belong_to_a_calibration_that_they_fit_to_three_percent_and_ten_pixels(
+    monkeypatch, span_px, miss_px, fits
+):
+    """Of what the points span; corners are stated, so that nothing else is tried."""
+    cameras, _, uv = filmed(False)
+    uv = uv * span_px / np.nanmax(uv)
+    monkeypatch.setattr(origin, "median_miss", lambda *_: miss_px)
+    monkeypatch.setattr(origin, "find_arrangement", lambda *_, **__: None)
+    stated = PixelOptions(origin="upper-left", calibration_origin="upper-left")
+    if fits:
+        assert decide_origin(cameras, uv, stated).residual_px == miss_px
+    else:
+        with pytest.raises(CalibrationError, match="median triangulation residual"):
+            decide_origin(cameras, uv, stated)

@@ -8,6 +8,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.board_rig import UP
 from mocap.calibration.boards import KINDS, Board, detect, of_files
+from mocap.calibration.calibrate_lenses import board_pictures
+from mocap.calibration.calibration_files import CalibrationReport, table
 from mocap.calibration.places import Place, place_cameras
 from mocap.cameras.camera import Camera, KnownLens, stacked, undistorted
 from mocap.cameras.triangulate import linear
@@ -15,8 +17,6 @@ from mocap.errors import CalibrationError, FormatError
 from mocap.io.anipose import read_lenses
 from mocap.io.clicked import UNITS_M, read_clicks, read_scene
 from mocap.io.registry import as_table, read
-from mocap.pipeline.calibrate_lenses import board_pictures
-from mocap.pipeline.calibration_files import CalibrationReport, table
 from mocap.text import plain
 
 

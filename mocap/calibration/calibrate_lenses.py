@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.calibration.boards import KINDS, Board, BoardViews, Corners, Pictures, detect, of_files, pictures_of
+from mocap.calibration.calibration_files import CalibrationReport, number, table
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, without_ray
 from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError
 from mocap.io.movies import FILMS, Movie, open_movie
-from mocap.pipeline.calibration_files import CalibrationReport, number, table
 from mocap.text import plain
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Board, detect, pictures_of
+from mocap.calibration.calibration_files import CalibrationReport, number, table
 from mocap.calibration.dlt import CHECKED_FROM, fit_dlt
 from mocap.calibration.intrinsics import CHOICES
 from mocap.calibration.refine import Bone, refine_cameras
@@ -22,7 +23,6 @@ from mocap.io.csv_table import has_titles, read_table
 from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, read
-from mocap.pipeline.calibration_files import CalibrationReport, number, table
 from mocap.pipeline.ideal_pixels import with_rays, without_lens
 from mocap.pipeline.recording import Recording
 from mocap.records import PixelTracks

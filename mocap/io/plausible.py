@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
-from mocap.io.lines import RATES_HZ
+from mocap.io.lines import RATES_HZ, told_apart
 from mocap.records import Status
 from mocap.schema import not_covariances
 from mocap.text import visible
@@ -185,16 +185,22 @@ def plausible(recording: FileContents) -> FileContents:
 
 
 def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
-    """The recording without characters that act on terminals or turn the writing in names, and a finding on them."""
+    """The recording with names that can be written and read back, and findings on those that could not.
+
+    Without characters that act on terminals, end lines or turn the writing; and each with a letter.
+    """
 
     def shown(word: str) -> str:
-        return "\r".join(map(visible, word.split("\r")))  # cells of tables have an escape of their own for line ends
+        return visible(word).replace("\n", "\\n")
 
     every = (*recording.names, *recording.camera_names, *(word for own in recording.animals for word in own))
     odd = {word for word in every if shown(word) != word}
-    if not odd:
+    if not odd and "" not in recording.names:
         return recording, []
-    names, cameras = (tuple(map(shown, own)) for own in (recording.names, recording.camera_names))
+    names, renamed = told_apart([*map(shown, recording.names)])
+    names, cameras = tuple(names), tuple(map(shown, recording.camera_names))
+    how = "contain characters that do not show, end a line or change how text reads: written as \\u202e is"
+    notes = [f"{len(odd)} names {how}"] if odd else []
     pixels, points = recording.pixels, recording.points
     pixels = None if pixels is None else replace(pixels, names=names, cameras=cameras)
     return replace(
@@ -204,7 +210,7 @@ def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
         pixels=pixels,
         points=None if points is None else replace(points, names=names),
         animals=tuple((shown(animal), shown(name)) for animal, name in recording.animals),
-    ), [f"{len(odd)} names contain characters that do not show or change how text reads: written as \\u202e is"]
+    ), [*notes, *renamed]
 
 
 def _check_size(recording: FileContents, which: str, values: Array, most: float, unit: str) -> None:

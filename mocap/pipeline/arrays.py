@@ -23,6 +23,7 @@ from mocap.pipeline.ideal_pixels import with_ideal_pixels
 from mocap.pipeline.reading import animal, calibration_of, check_rig, complete
 from mocap.pipeline.recording import Recording, dataset_of
 from mocap.skeleton import Skeleton
+from mocap.text import unfit
 
 TIMES = ("t_s", "time", "time_s")
 """Column or index of a table that holds the times in seconds."""
@@ -139,6 +140,10 @@ def _recording(
         raise NoRateError(f"{name}: the frame rate is not stated: give `fps`")
     if not contents.seen.any():
         raise FormatError(f"{name}: no marker is ever seen: all {contents.seen.size} samples are NaN")
+    called = [("recording", name), *(("marker", one) for one in contents.names), *(("camera", c.name) for c in cameras)]
+    for what, one in called:
+        if trouble := unfit(one):
+            raise FormatError(f"{name}: the name of a {what}, {one!r}, {trouble}: rename it")
     contents, findings = complete(plausible(contents), where=name, fps=fps, unit=unit)
     animal_skeleton, names = animal(skeleton, contents.names)
     return Recording(

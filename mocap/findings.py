@@ -75,6 +75,7 @@ class Kind(StrEnum):
     CORRECTIONS = "corrections", Harm.SAMPLES, "edits_anyway"
     NEVER_SEEN = "never seen", Harm.SAMPLES
     NEVER_TOGETHER = "never together", Harm.ALL
+    EXCHANGED_NAMES = "exchanged names", Harm.SAMPLES
     IDENTITY_SWITCH = "identity switch"
     SHORT_SWITCHES = "short identity switches"
     AMBIGUOUS_CLICKS = "ambiguous clicks"

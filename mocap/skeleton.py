@@ -13,7 +13,7 @@ from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
 from mocap.schema import POSITIVE, Entry, Schema, checked, names
 from mocap.sides import other_side, side_of
-from mocap.text import visible
+from mocap.text import unfit, visible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +115,7 @@ class Skeleton:
             named = joints.items() if isinstance(joints, Mapping) else ()
             parts: dict[str, Any] = {
                 "bones": tuple(bone if isinstance(bone, Bone) else _bone(bone) for bone in bones),
-                "bodies": {visible(name): _body(name, entry) for name, entry in dict(bodies or {}).items()},
+                "bodies": {name: _body(name, entry) for name, entry in dict(bodies or {}).items()},
                 "joints": tuple(_joint(*one) for one in named) or tuple(joints),
                 "measures": measures if isinstance(measures, Measures) else read_measures(measures or {}),
             }
@@ -129,7 +129,11 @@ class Skeleton:
         found = (joint for joint in parts["joints"] if isinstance(joint, BodyJoint))
         parts["body_joints"] = (*body_joints, *found)
         parts["joints"] = tuple(joint for joint in parts["joints"] if isinstance(joint, Joint))
-        parts |= {"name": name, "markers": tuple(map(visible, markers)), "trunk": tuple(map(visible, trunk))}
+        jointed = (joint.name for joint in (*parts["joints"], *parts["body_joints"]))
+        for one in (*markers, *trunk, *parts["bodies"], *jointed, *(aliases or {}).values()):
+            if trouble := unfit(one):
+                raise SkeletonError(f"skeleton {name!r}: the name {one!r} {trouble}: give it another")
+        parts |= {"name": name, "markers": tuple(markers), "trunk": tuple(trunk)}
         parts |= {"aliases": dict(aliases or {}), "max_speed_m_s": max_speed_m_s}
         for key, value in parts.items():
             object.__setattr__(self, key, value)
@@ -392,8 +396,8 @@ def _joint(name: str, entry: Any) -> Joint | BodyJoint:
         )
     ends = tuple(map(visible, entry))
     if len(ends) == 2:
-        return BodyJoint(name=visible(name), parent=ends[0], child=ends[1])
-    return Joint(name=visible(name), parent=ends[0], centre=ends[1], child=ends[2])
+        return BodyJoint(name=name, parent=ends[0], child=ends[1])
+    return Joint(name=name, parent=ends[0], centre=ends[1], child=ends[2])
 
 
 def _body(name: str, entry: Any) -> tuple[str, ...]:

@@ -51,6 +51,18 @@ def visible(text: str) -> str:
     return _ACTS.sub(_escape, as_text(text))
 
 
+def unfit(name: str) -> str | None:
+    """Why nothing can be called so in a result that is written and read back; None where it can.
+
+    Names that are given in memory, and those of skeletons, are refused for it; those of files are changed, and told.
+    """
+    if not name:
+        return "has no letters"
+    if visible(name) != name or "\n" in name:
+        return "contains characters that do not show, end a line or change how text reads"
+    return None
+
+
 def number_of(count: int, thing: str, things: str | None = None) -> str:
     """``1 frame``, ``2 frames``.
 

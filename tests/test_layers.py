@@ -83,7 +83,6 @@ ALLOWED = {
     },
     "mocap/cli": {
         "datasets",
-        "eal",
         "mocap",
         "mocap/audit",
         "mocap/cameras",

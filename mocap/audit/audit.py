@@ -15,6 +15,7 @@ from mocap.audit.geometry import (
     foreign,
     hidden_lens,
 )
+from mocap.audit.names import exchanged_in_a_camera
 from mocap.audit.offsets import offset_findings
 from mocap.audit.samples import Jump, jump_findings, jumps, of_jumps, pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
@@ -62,13 +63,25 @@ def audit_filmed(
     *,
     stored: MarkerTracks | None = None,
     stored_px: Array | None = None,
+    named_px: Array | None = None,
     timed: bool = True,
     sized: bool = True,
     first: int = 0,
 ) -> list[Finding]:
     """The findings of ``audited``."""
-    how = {"stored": stored, "stored_px": stored_px, "timed": timed, "sized": sized, "first": first}
-    return [*audited(cameras, pixels, ideal_px, decision, **how).findings]  # type: ignore[arg-type]
+    found = audited(
+        cameras,
+        pixels,
+        ideal_px,
+        decision,
+        stored=stored,
+        stored_px=stored_px,
+        named_px=named_px,
+        timed=timed,
+        sized=sized,
+        first=first,
+    )
+    return [*found.findings]
 
 
 def audited(
@@ -79,6 +92,7 @@ def audited(
     *,
     stored: MarkerTracks | None = None,
     stored_px: Array | None = None,
+    named_px: Array | None = None,
     timed: bool = True,
     sized: bool = True,
     lens_known: bool = False,
@@ -93,6 +107,7 @@ def audited(
         decision: Where rows are counted from.
         stored: Points that were stored with them; None: there are none.
         stored_px: Ideal pixels as the program that stored the points made them; None: ``ideal_px``.
+        named_px: Ideal pixels by the names of the file; None: ``ideal_px``.
         timed: Whether the frame rate is known.
         sized: Whether the unit of lengths is known.
         lens_known: Whether lenses were estimated from these pixels: no other is looked for.
@@ -119,6 +134,8 @@ def audited(
     miss = residual_px(matrices, ideal_px, xyz)
     usual = np.nanmedian(miss) if np.isfinite(miss).any() else np.nan
     believed = np.where((miss <= 5 * usual)[..., None], xyz, np.nan)
+    named = ideal_px if named_px is None else named_px
+    found += exchanged_in_a_camera(matrices, named, pixels.names, [c.name for c in cameras])
     jumped = jumps(believed, pixels.t_s)
     found += [*(sizes(xyz) if sized else []), *of_jumps(jumped, pixels.names, timed=timed, first=first)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
@@ -165,5 +182,13 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
     def ideal(iterations: int | None) -> Array:
         return decision.ideal(cameras, pixels.uv_px, iterations=iterations)
 
-    known = {"timed": recording.fps is not None, "sized": recording.unit is not None}
-    return audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3), **known)
+    return audit_filmed(
+        cameras,
+        pixels,
+        ideal(None),
+        decision,
+        stored=points,
+        stored_px=ideal(3),
+        timed=recording.fps is not None,
+        sized=recording.unit is not None,
+    )

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 from mocap.documents import decoded, from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io.crop import crops_beside
+from mocap.io.lines import cells_of
 from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
 from mocap.pipeline.reading import read
@@ -136,16 +137,18 @@ def read_manifest(path: Path) -> list[Trial]:
             row names no file.
     """
     text, _ = decoded(path, path.read_bytes())
-    rows = csv.DictReader(text.splitlines(), delimiter=_separator(text.partition("\n")[0]), skipinitialspace=True)
-    unknown = [title for title in rows.fieldnames or () if title.strip() and title not in (*COLUMNS, *TOLD)]
-    if unknown or "path" not in (rows.fieldnames or ()):
+    mark = _separator(text.partition("\n")[0])
+    rows = cells_of(path, text.splitlines(), separator=mark, skipinitialspace=True)
+    titles = next(rows, [])
+    unknown = [title for title in titles if title.strip() and title not in (*COLUMNS, *TOLD)]
+    if unknown or "path" not in titles:
         raise FormatError(
             f"{path.name}: columns {', '.join(unknown) or '(no path)'}: a manifest has the column path, and may have "
             f"{', '.join(c for c in COLUMNS if c != 'path')}"
         )
     found: dict[str, Trial] = {}
     for number, row in enumerate(rows, start=2):
-        cells = {title: (text or "").strip() for title, text in row.items() if isinstance(text, str)}
+        cells = {title: text.strip() for title, text in zip(titles, row, strict=False)}
         if not any(cells.values()):
             continue
         trial = _trial(path, number, cells)

@@ -12,7 +12,7 @@ from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.dltdv import write_pixels
 from mocap.io.format import Hints
-from mocap.io.lines import MOST_FRAMES
+from mocap.io.lines import MOST_FRAMES, cells_of
 from mocap.io.registry import read
 from mocap.records import PixelTracks
 from mocap.schema import Entry, Schema, checked
@@ -101,11 +101,11 @@ def read_unseen(path: Path) -> list[Click]:
     again = "expected a table of camera, frame and marker, counted from 1: delete it to go on"
     try:
         lines = regular_bytes(path).decode("utf-8").splitlines()
-        header, *table = csv.reader(lines)
+        header, *table = cells_of(path, lines)
         if header != _HEADER:
             raise ValueError("its first line is another")
         rows = [[int(text) for text in row] for row in table]
-    except (ValueError, csv.Error) as error:
+    except ValueError as error:
         raise FormatError(f"{path.name}: {one_line(error)}: {again}") from None
     found = checked(path.name, {"rows": rows}, _UNSEEN, again=again)["rows"] - 1
     return [Click(camera=c, frame=t, marker=m, uv_px=None) for c, t, m in found.tolist()]

@@ -1,6 +1,5 @@
 """Known points of a scene, and where they were clicked in the image of each camera."""
 
-import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +8,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.lines import MISSING_WORDS
+from mocap.io.lines import MISSING_WORDS, cells_of
 
 _NAMES = frozenset({"name", "point", "marker", "label", "id"})
 _CAMERAS = frozenset({"camera", "cam", "view"})
@@ -102,7 +101,7 @@ def _cells(path: Path) -> tuple[list[str], list[list[str]]]:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise FormatError(f"{path}: cannot be read as a table: {error}") from None
-    rows = [[c.strip() for c in row] for row in csv.reader(text.splitlines()) if any(c.strip() for c in row)]
+    rows = [[c.strip() for c in row] for row in cells_of(path, text.splitlines()) if any(c.strip() for c in row)]
     if len(rows) < 2:
         raise FormatError(f"{path.name}: contains no rows below its titles; expected a table with titles")
     wrong = next((i for i, row in enumerate(rows) if len(row) != len(rows[0])), None)
@@ -121,7 +120,8 @@ def _number(path: Path, cell: str, row: int) -> float:
     try:
         return float(cell)
     except ValueError:
-        raise FormatError(f"{path.name}: row {row + 1}: {cell!r} is not a number; correct it or write NaN") from None
+        text = f"{path.name}: row {row + 1}: {cell!r:.80} is not a number; correct it or write NaN"
+        raise FormatError(text) from None
 
 
 def _index(path: Path, what: str, name: str, names: Sequence[str], row: int) -> int:

@@ -4,7 +4,6 @@ A network is often given a small window of each image, which may follow the anim
 of that window, a calibration's from that of the whole image; the sum of pixel and offset belongs to the calibration.
 """
 
-import csv
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -18,7 +17,7 @@ from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle, variables
 from mocap.io.format import Head, head
-from mocap.io.lines import number
+from mocap.io.lines import cells_of, number
 
 VARIABLE = "XYtop_left"
 """The variable of a MATLAB file: (frames, 2) columns and rows of the window's upper left corner."""
@@ -182,7 +181,8 @@ def _table(path: Path, beginning: Head) -> dict[str, Array]:
     if not {"x", "y"} <= set(titles):
         return {}
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()[1:]) if any(map(str.strip, row))]
+    lines = text.splitlines()[1:]
+    rows = [[cell.strip() for cell in row] for row in cells_of(path, lines, first_line=2) if any(map(str.strip, row))]
     x, y = titles.index("x"), titles.index("y")
     short = next((i for i, row in enumerate(rows) if len(row) <= max(x, y)), None)
     if short is not None:

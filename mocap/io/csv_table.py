@@ -13,7 +13,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.lines import LARGEST, MISSING_WORDS, one_kind
+from mocap.io.lines import LARGEST, MISSING_WORDS, cells_of, one_kind
 
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
@@ -64,8 +64,8 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
 
 def first_cells(path: Path) -> list[str]:
     """The cells of the first line; none of a file that cannot be read."""
-    with suppress(OSError, UnicodeDecodeError, csv.Error), path.open(encoding="utf-8-sig", newline="") as stream:
-        return [cell.strip() for cell in next(csv.reader([stream.readline().strip()]), [])]
+    with suppress(OSError, UnicodeDecodeError, FormatError), path.open(encoding="utf-8-sig", newline="") as stream:
+        return [cell.strip() for cell in next(cells_of(path, [stream.readline().strip()]), [])]
     return []
 
 
@@ -96,8 +96,8 @@ def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
 def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
     first, _, rest = block.partition(b"\n")
     try:
-        names = next(csv.reader([first.decode("utf-8-sig").strip()]), [])
-    except (UnicodeDecodeError, csv.Error):
+        names = next(cells_of(path, [first.decode("utf-8-sig").strip()]), [])
+    except UnicodeDecodeError:
         raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
     return [from_cell(name.strip()) for name in names], rest
 
@@ -136,7 +136,7 @@ def _few(path: Path, body: bytes, names: Sequence[str], first_line: int) -> Arra
             return float(bare)
         where = names[column] if names else f"column {column + 1}"
         raise FormatError(
-            f"{path.name}: line {row + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
+            f"{path.name}: line {row + first_line}, {where}: {cell!r:.80} is not a number; correct it or write NaN"
         )
 
     rows = [line.split(",") for line in body.decode("utf-8", "replace").split("\n")]

@@ -4,9 +4,7 @@ Pixels are counted from the upper left. Lightning Pose writes the same CSV. HDF5
 DeepLabCut does, and read without.
 """
 
-import csv
 import importlib
-import io
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -20,7 +18,7 @@ from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording, views_of
 from mocap.io.format import Format
-from mocap.io.lines import frame_numbers, image_numbers, number, numbers, read_lines
+from mocap.io.lines import cells_of, frame_numbers, image_numbers, number, numbers, read_lines
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +35,7 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     """Columns as (individual, body part, coordinate), (T, columns) values and the index of the T rows."""
     lines = read_lines(path)
     lines = [line for line in lines if line.strip()]
-    rows = [next(csv.reader([line]), []) for line in lines[:4]]
+    rows = [next(cells_of(path, [line], first_line=n), []) for n, line in enumerate(lines[:4], start=1)]
     depth = next((i + 1 for i, row in enumerate(rows) if row and row[0] == "coords"), 0)
     if depth == 0 or tuple(row[0] for row in rows[:depth]) not in _LEVELS:
         raise FormatError(
@@ -52,7 +50,10 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     body = lines[depth:]
     if not body:
         raise FormatError(f"{path.name}: no frames after the header: export it again")
-    cells = [next(csv.reader(io.StringIO(line))) if '"' in line else line.split(",") for line in body]
+    cells = [
+        next(cells_of(path, [line], first_line=n)) if '"' in line else line.split(",")
+        for n, line in enumerate(body, start=depth + 1)
+    ]
     frames: Index = ["/".join(row[:index]) for row in cells]
     if index == 1 and any(np.isfinite(number(cell)) for cell in frames):
         frames = frame_numbers(path, [number(cell) for cell in frames], first_line=depth + 1).astype(np.float64)

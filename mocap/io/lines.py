@@ -1,8 +1,9 @@
 """What readers of text exports share: lines of a head, rows of cells with numbers, units, rates and names."""
 
+import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import count
 from pathlib import Path, PurePath
@@ -68,6 +69,72 @@ def one_kind(text: AnyStr) -> AnyStr:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def cells_of(
+    path: Path, lines: Iterable[str], *, separator: str = ",", first_line: int = 1, skipinitialspace: bool = False
+) -> Iterator[list[str]]:
+    """The cells of each line of a table, without the quotes around them; the one place where lines are split so.
+
+    Args:
+        path: The file, for messages.
+        lines: Its lines, with their ends or without.
+        separator: Between cells.
+        first_line: Number of the first of ``lines`` in the file, from 1.
+        skipinitialspace: Whether blanks after a separator are no part of a cell.
+
+    Raises:
+        FormatError: a cell is longer than any that a program writes (131,072 characters), or no text.
+    """
+    rows = csv.reader(lines, delimiter=separator, skipinitialspace=skipinitialspace)
+    while True:
+        try:
+            row = next(rows, None)
+        except csv.Error as error:
+            line = rows.line_num + first_line - 1
+            if "field limit" in str(error):
+                raise _too_long(path, line) from None
+            raise FormatError(
+                f"{path.name}: line {line} cannot be split into cells ({error}): correct it, or export the file again"
+            ) from None
+        if row is None:
+            return
+        yield row
+
+
+_CELL = re.compile(rb'"[^"]*"|[^,;\t "]+')
+
+
+def check_cells(path: Path) -> None:
+    """Refuse a text table with a cell longer than ``csv`` takes, before any reader quotes it.
+
+    Only lines that are as long are looked at, whatever separates their cells. JSON and XML have no cells.
+
+    Raises:
+        FormatError: there is one; the message names its line.
+    """
+    most, line = csv.field_size_limit(), 1
+    with path.open("rb") as stream:
+        start = stream.read(1 << 12)
+        if b"\0" in start or start.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"[", b"<"):
+            return
+        stream.seek(0)
+        while len(part := stream.read(most + 1)) > most:
+            cut = max(part.rfind(b"\n"), part.rfind(b"\r")) + 1
+            if not cut:
+                part += stream.readline()
+                cut = len(part)
+                if max(map(len, _CELL.findall(part)), default=0) > most:
+                    raise _too_long(path, line)
+            stream.seek(cut - len(part), 1)
+            line += part[:cut].count(b"\n")
+
+
+def _too_long(path: Path, line: int) -> FormatError:
+    return FormatError(
+        f"{path.name}: line {line} has a cell of more than {csv.field_size_limit():,} characters, as where a quote is "
+        "not closed: correct it, or export the file again"
+    )
+
+
 def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, first_line: int) -> Array:
     """(rows, columns) numbers of lines, a row each; NaN where a cell is empty or ``NA``.
 
@@ -94,7 +161,7 @@ def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, f
         i, j = bad[0]
         trouble = "is larger than any measured value" if np.isfinite(number(rows[i][j])) else "is not a finite number"
         raise FormatError(
-            f"{path.name}: line {i + first_line}, cell {j + 1}: {rows[i][j].strip()!r} {trouble}; "
+            f"{path.name}: line {i + first_line}, cell {j + 1}: {rows[i][j].strip()!r:.80} {trouble}; "
             "correct it, or leave it empty if the marker was not seen"
         )
     return values

@@ -1,6 +1,5 @@
 """OptiTrack Motive: markers in its CSV export of tracking data (format versions 1.2 and later)."""
 
-import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Hints, file_format
-from mocap.io.lines import frame_numbers, number, numbers, rate, read_lines, told_apart
+from mocap.io.lines import cells_of, frame_numbers, number, numbers, rate, read_lines, told_apart
 
 KINDS = (("marker",), ("rigid body marker", "bone marker"), ("rigid body", "bone"))
 """What columns are of, what was measured first: markers, places of a body's markers as it was fitted, bodies."""
@@ -98,15 +97,15 @@ def read_optitrack(path: Path, _hints: Hints) -> FileContents:
         FormatError: the header is another, a row is cut, or a cell is no number; the message names the line.
     """
     lines = read_lines(path)
-    about = _cells(lines[0])
+    about = _cells(path, lines[0], 1)
     head = dict(zip(about[::2], about[1::2], strict=False))
     if about[0] != "Format Version":
         raise FormatError(f"{path.name}: the first line is not Format Version,...: {_SHOW}")
     start = next((i for i, line in enumerate(lines[:20]) if line.startswith("Frame,Time")), None)
     if start is None:
         raise FormatError(f"{path.name}: no line Frame,Time (Seconds),X,Y,Z: {_SHOW}")
-    titles = [_cells(line) for line in lines[1:start] if line.strip(", \t")]
-    axes = _cells(lines[start])
+    titles = [_cells(path, line, n) for n, line in enumerate(lines[1:start], start=2) if line.strip(", \t")]
+    axes = _cells(path, lines[start], start + 1)
     if len(titles) < 3 or any(len(row) != len(axes) for row in titles):
         raise FormatError(
             f"{path.name}: lines 2 to {start} should contain the types, names, IDs and kinds of {len(axes) - 2} "
@@ -155,5 +154,5 @@ def _is_of(marker: str, body: str, bodies: Iterable[str]) -> bool:
     return bool(after) and marker not in after and max(after, key=len) == body
 
 
-def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line]))]
+def _cells(path: Path, line: str, number: int) -> list[str]:
+    return [cell.strip() for cell in next(cells_of(path, [line], first_line=number))]

@@ -9,7 +9,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 from mocap.io.format import Zero
-from mocap.io.lines import RATES_HZ
+from mocap.io.lines import RATES_HZ, told_apart
 from mocap.records import Status
 from mocap.schema import not_covariances
 from mocap.text import visible
@@ -199,6 +199,8 @@ def _counted(mine: NDArray[np.bool_], elsewhere: NDArray[np.bool_], recording: F
     return ", ".join(words[:NAMED]) + more
 
 
+MOST_LIKELY = 1.5
+"""Likelihoods are at most 1; peaks of heat maps, which some networks give in their place, exceed it a little."""
 _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
 _FARTHEST = _FARTHEST_M / 1e-3  # where the unit may be as small as a millimetre
@@ -241,23 +243,29 @@ def plausible(recording: FileContents, zero: Zero | None = None) -> FileContents
         if not np.isfinite(camera.matrix).all():
             raise FormatError(f"{name}: camera {camera.name!r} has numbers that are not finite: calibrate again")
     score = recording.score
-    if score is not None and ((score < 0) | (score > 2.0)).any():  # some networks exceed 1 a little
+    if score is not None and ((score < 0) | (score > MOST_LIKELY)).any():
         findings.append(f"scores are {np.nanmin(score):g} to {np.nanmax(score):g}; expected 0 to 1")
     recording, notes = _legible(recording)
     return replace(recording, findings=(*recording.findings, *findings, *notes, *_frame_findings(recording)))
 
 
 def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
-    """The recording without characters that act on terminals or turn the writing in names, and a finding on them."""
+    """The recording with names that can be written and read back, and findings on those that could not.
+
+    Without characters that act on terminals, end lines or turn the writing; and each with a letter.
+    """
 
     def shown(word: str) -> str:
-        return "\r".join(map(visible, word.split("\r")))  # cells of tables have an escape of their own for line ends
+        return visible(word).replace("\n", "\\n")
 
     every = (*recording.names, *recording.camera_names, *(word for own in recording.animals for word in own))
     odd = {word for word in every if shown(word) != word}
-    if not odd:
+    if not odd and "" not in recording.names:
         return recording, []
-    names, cameras = (tuple(map(shown, own)) for own in (recording.names, recording.camera_names))
+    names, renamed = told_apart([*map(shown, recording.names)])
+    names, cameras = tuple(names), tuple(map(shown, recording.camera_names))
+    how = "contain characters that do not show, end a line or change how text reads: written as \\u202e is"
+    notes = [f"{len(odd)} names {how}"] if odd else []
     pixels, points = recording.pixels, recording.points
     pixels = None if pixels is None else replace(pixels, names=names, cameras=cameras)
     return replace(
@@ -267,7 +275,7 @@ def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
         pixels=pixels,
         points=None if points is None else replace(points, names=names),
         animals=tuple((shown(animal), shown(name)) for animal, name in recording.animals),
-    ), [f"{len(odd)} names contain characters that do not show or change how text reads: written as \\u202e is"]
+    ), [*notes, *renamed]
 
 
 def _check_size(recording: FileContents, which: str, values: Array, most: float, unit: str) -> None:

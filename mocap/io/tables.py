@@ -1,8 +1,6 @@
 """What our own tables share: origins as words, and rows that are checked before they are believed."""
 
-import csv
 import warnings
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +13,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.csv_table import as_cells, as_workbook_cell, from_cell, to_the_last_bit
 from mocap.io.format import Format, Hints
-from mocap.io.lines import LARGEST, frame_numbers, number, rate_of_times
+from mocap.io.lines import LARGEST, cells_of, frame_numbers, number, rate_of_times
 from mocap.io.workbook import write_sheets
 from mocap.records import Status
 
@@ -59,10 +57,10 @@ def titles(path: Path) -> list[str]:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            header = next(csv.reader(stream), [])
+            header = next(cells_of(path, stream), [])
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error):
+    except UnicodeDecodeError:
         raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
     if len(set(header)) != len(header):
         raise FormatError(f"{path.name}: the column {max(header, key=header.count)} appears twice: rename one")
@@ -107,13 +105,13 @@ def read_rows(path: Path, kinds: dict[str, type]) -> "pd.DataFrame":
 
 def _bad_cell(path: Path, kinds: dict[str, type]) -> str | None:
     """Where the first cell is that should be a number and is none; None where no such cell is found."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream, suppress(csv.Error):
-        rows = csv.reader(stream)
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream:
+        rows = cells_of(path, stream)
         next(rows, [])
-        for row in rows:
+        for line, row in enumerate(rows, start=2):
             for (title, kind), cell in zip(kinds.items(), row, strict=False):
                 if kind is float and cell.strip() not in ("", "NaN") and np.isnan(number(cell)):
-                    return f"line {rows.line_num}, {title}: {cell!r} is not a number"
+                    return f"line {line}, {title}: {cell!r:.80} is not a number"
     return None
 
 

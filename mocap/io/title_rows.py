@@ -40,6 +40,8 @@ def laid_out(text: str) -> tuple[str, tuple[str, ...]] | None:
     None where a text (with line ends of Unix) is no table of numbers to its end, or leaves open what belongs to what.
     """
     lines = text.replace("\xa0", " ").rstrip("\n\x1a\f ").split("\n")
+    if max(map(len, lines)) > csv.field_size_limit():
+        return None  # the reader says which cell is too long
     comments = {i: found["text"].strip() for i, line in enumerate(lines) if (found := _COMMENT.fullmatch(line))}
     kept = [i for i, line in enumerate(lines) if i not in comments and line.strip(" \f")]
     separator = _separator([lines[i] for i in kept[-50:]])  # rows at the end tell the separator

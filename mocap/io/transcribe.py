@@ -9,7 +9,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 from mocap.documents import check_regular, decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
 from mocap.io.format import LENGTH, Head
-from mocap.io.lines import FRAMES, MISSING_WORDS, one_kind
+from mocap.io.lines import FRAMES, MISSING_WORDS, cells_of, check_cells, one_kind
 from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text
 
@@ -54,6 +54,8 @@ def transcribed(
         FormatError: it is no regular file, no text, has decimal commas and points, or a sheet is not told or not there.
     """
     check_regular(path)
+    with suppress(OSError):  # the reader says it
+        check_cells(path)
     if is_workbook(path):
         text, notes = sheet_text(path, sheet)
     elif sheet is not None:
@@ -252,12 +254,7 @@ def _with_commas(path: Path, text: str, separator: str) -> str:
     writer = csv.writer(out, lineterminator="\n")
     *lines, rest = text.split("\n")
     for number, line in enumerate([*lines, rest] if rest else lines, start=1):
-        try:
-            writer.writerow(next(csv.reader([line], delimiter=separator), []))
-        except csv.Error as error:
-            raise FormatError(
-                f"{path.name}: line {number} cannot be split into cells ({error}): export it again"
-            ) from None
+        writer.writerow(next(cells_of(path, [line], separator=separator, first_line=number), []))
     return out.getvalue() if not rest else out.getvalue().removesuffix("\n")
 
 

@@ -143,7 +143,9 @@ def _film(recording: Recording, first: int) -> Recording:
             "check that coefficients, profile and pixels belong together"
         )
     lasting = persistent_px(matrices, uv, found.xyz_m, relative=worse)
-    audited = audit.audited(film.cameras, pixels, ideal, rows, lens_known=film.lens is not None, first=first)
+    audited = audit.audited(
+        film.cameras, pixels, ideal, rows, named_px=film.ideal_px, lens_known=film.lens is not None, first=first
+    )
     lens_cov, far_mm = _lens_uncertainty(film, audited.lens, uv)
     lens = [] if far_mm is None else [sentences.lens_left(far_mm)]
     bias = ray_bias(matrices, uv, dt_s=film.dt_s, relative=worse)
@@ -246,6 +248,7 @@ def _positions(recording: Recording, first: int) -> Recording:
     doubtful = named.unsure & ~recording.edited
     xyz = np.where(doubtful[..., None], np.nan, xyz)
     length = "mm" if plane is None else plane.length
+    odd = audit.point_findings(tracks, first=first, sized=plane is None)  # as the file has them
     jumped = audit.jumps(xyz, tracks.t_s)
     jumps = tuple(audit.of_jumps(jumped, names, first=first, length=length))
     cleaning = cleaned_positions(xyz, sd, tracks.t_s, skeleton, names, certain=recording.edited)
@@ -268,6 +271,7 @@ def _positions(recording: Recording, first: int) -> Recording:
         audited=jumps,
         findings=(
             *recording.findings,
+            *odd,
             sentences.position_noise(sd[tracks.seen], plane),
             *jumps,
             *sentences.exchange_findings(swaps, doubtful, names, (), first=first),

@@ -170,7 +170,8 @@ def learn_from(
     trials = [one.with_markers(names) for one in shown]
     seen = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
     if seen.sum() < 4:
-        raise MocapError(f"only {seen.sum()} markers are ever seen in these recordings: a model needs at least 4")
+        few = number_of(int(seen.sum()), "marker is", "markers are")
+        raise MocapError(f"only {few} ever seen in these recordings: a model needs at least 4")
     kept = [name for name, ever in zip(names, seen, strict=True) if ever]
     trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
     skeleton = shown[0].skeleton

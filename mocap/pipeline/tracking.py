@@ -194,7 +194,8 @@ def with_track(
         log_likelihood=likelihood,
         **rays,
     )
-    left = np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0)
+    speed = np.gradient(np.nan_to_num(off), recording.t_s, axis=0) if n_frames > 1 else 0.0  # of one frame none
+    left = np.where(far[..., None], speed, 0.0)
     motion = motion_of(found.tracks, frames, smoothed.rates, recording.rate_points, left_m_s=left)
     y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
     found = _with_joints(found.with_motion(motion), whole_frames(recording))

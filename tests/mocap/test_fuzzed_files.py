@@ -1,5 +1,7 @@
 """Damaged files of every format: one line of a FormatError, or what is sound in them; a short run of the benchmark."""
 
+import csv
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +22,12 @@ from benchmarks.attack.files import (
 )
 from benchmarks.attack.mutants import damaged, kinds
 from mocap.audit.inspect import inspect
+from mocap.errors import FormatError
 from mocap.io.format import Hints
+from mocap.io.lines import cells_of, check_cells
 from mocap.io.registry import read
 
+LONGEST = csv.field_size_limit()
 DAMAGED = True
 """Files are, which are therefore read in processes of their own."""
 
@@ -40,6 +45,37 @@ def test_damaged_files_do_no_harm(sound):
     done = list(outcomes(sound, plan(sound, 500, seed=5, least=20), workers=2))
     assert [outcome for outcome in done if outcome.verdict in DEFECTS] == []
     assert sum(outcome.verdict == "refused" for outcome in done) > len(done) / 2
+
+
+@pytest.mark.parametrize("cell", ["x" * (LONGEST + 1), '"' + "x,y" * (LONGEST // 2) + '"'], ids=["plain", "quoted"])
+def test_a_cell_too_long_for_any_reader_is_refused_in_its_line(cell, sound, tmp_path):
+    """In the titles or a row of every text table: one short line names the file and the line."""
+    tables = [seed for seed in sound if seed.name.endswith((".csv", ".tsv", ".txt", ".trc"))]
+    assert len(tables) > 15
+    for seed in tables:
+        for line in (0, 2):
+            rows = seed.content.decode().split("\n")
+            mark = max(",\t ", key=rows[line].count)
+            rows[line] = mark.join([*rows[line].split(mark)[:-1], cell])
+            path = tmp_path / seed.name
+            path.write_text("\n".join(rows), encoding="utf-8")
+            with pytest.raises(FormatError) as refused:
+                read(path)
+            said = str(refused.value)
+            assert f"{seed.name}: line {line + 1} has a cell of more than 131,072 characters" in said
+            assert len(said) < 300
+
+
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_as_long_a_cell_as_csv_takes_is_no_long_one(quote, tmp_path):
+    """131,072 characters are cells of a table like others; one more is refused, quoted or not, in every split."""
+    path = tmp_path / "a.csv"
+    for more in (0, 1):
+        row = f"1,{quote}{'x' * (LONGEST + more)}{quote}"
+        path.write_text(f"a,b\n{row}\n", encoding="utf-8")
+        for split in (lambda: check_cells(path), lambda row=row: list(cells_of(path, ["a,b", row]))):
+            with pytest.raises(FormatError, match="line 2 has a cell") if more else nullcontext():
+                split()
 
 
 def test_damage_is_the_same_again():

@@ -271,3 +271,11 @@ def test_real_folders():
     assert len(markerless.paths) == 4
     assert markerless.arguments["calibration"].name == "extrinsicCalib_20230228_easyWandData.mat"
     assert found["FE404_F2"].arguments["profile"].name == "FE404_F2_camera_profile.txt"
+
+
+def test_a_manifest_with_a_cell_too_long_is_refused_in_its_line(tmp_path):
+    """131,073 characters are no path of a file: one line with the manifest's name, and no word of an error of ours."""
+    path = tmp_path / "manifest.csv"
+    path.write_text(f"trial,path\na,a.csv\nb,{'x' * 131_073}\n", encoding="utf-8")
+    with pytest.raises(FormatError, match=r"^manifest.csv: line 3 has a cell of more than 131,072 characters"):
+        read_manifest(path)

@@ -164,7 +164,7 @@ def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
     with shown(session) as address, client(address) as browser:
 
         def asked(path, **given):
-            return browser.post(path, json=given)
+            return browser.told(path, given, trial="out")
 
         span = {"first": 3, "last": 5}
         early = asked("delete", marker=0, **span)
@@ -243,7 +243,7 @@ def open_page(scene, tmp_path_factory):
 def test_what_is_no_click_is_not_saved(open_page, wrong):
     """Of no camera, frame or marker, outside of the picture, not finite, of another type: refused, in one line."""
     session, browser = open_page
-    answer = browser.post("place", content=json.dumps({**GOOD, **wrong}))
+    answer = browser.post("place", content=json.dumps({**GOOD, "trial": "out", "edits": 0, **wrong}))
     assert answer.status_code == 400
     assert len(answer.json()["said"].splitlines()) == 1
     assert not session.clicks
@@ -322,11 +322,11 @@ def test_two_hundred_at_once_are_answered(open_page):
             return await asyncio.gather(*(many.get(path) for path in paths))
 
     assert {answer.status_code for answer in asyncio.run(all_of_them())} == {200}
-    assert browser.post("place", json=GOOD).json()["said"] == "1 click"
-    assert browser.post("place", json={**GOOD, "uv_px": [320.5, 240.5]}).json()["said"] == "2 clicks"
-    assert "two cameras" in browser.post("find", json={}).json()["said"]
+    assert browser.told("place", GOOD, trial="out").json()["said"] == "1 click"
+    assert browser.told("place", {**GOOD, "uv_px": [320.5, 240.5]}, trial="out").json()["said"] == "2 clicks"
+    assert "two cameras" in browser.told("find", trial="out").json()["said"]
     for _ in range(2):
-        browser.post("undo", json={})
+        browser.told("undo", trial="out")
     assert not session.clicks
 
 

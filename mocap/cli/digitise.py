@@ -71,12 +71,12 @@ def digitise(
         from mocap.desk.desk import Desk
         from mocap.desk.page import desk_page
         from mocap.desk.session import SAVED, open_session
-        from mocap.io.manifest import opened
+        from mocap.io.manifest import occupied
         from mocap.web.server import served
 
         words = [word for word in sys.argv[1:] if word != "--web"]  # of two --start the last one counts
         same = typed(program(), *words, "--start", out / SAVED, "--force")
-        with opened(out, "mocap digitise --web"):
+        with occupied(out, "mocap digitise --web"):
             session = open_session(videos, folder=out, start=start, command=same, **given)
             desk = Desk(out=out, trials={}, options=Options(), proof=session)
             with served(desk_page(desk), port=port) as page:

@@ -26,7 +26,7 @@ from mocap.desk.session import Session
 from mocap.documents import regular_bytes
 from mocap.errors import MocapError
 from mocap.findings import Finding
-from mocap.io.manifest import digest, opened
+from mocap.io.manifest import digest, occupied
 from mocap.io.output import result_file, result_folder, taken_over
 from mocap.io.unstated_unit import UNIT
 from mocap.pipeline.cleaning import audit_points
@@ -35,8 +35,10 @@ from mocap.pipeline.ideal_pixels import with_rays
 from mocap.pipeline.reading import OPTIONS, in_options
 from mocap.results.tracked import load
 from mocap.text import number_of
+from mocap.trouble import trouble_of
 
 EDITS = "edits.jsonl"
+_STARTING = "starting"
 MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
     "fit_lens": (("Estimate the lens", True),),
     "correct_lag": (("Correct the lag", True),),
@@ -254,7 +256,7 @@ class Desk:
         self._ear, mouth = context.Pipe(duplex=False)
         how = {"jobs": self.jobs, "model": self.options.model, "validate": self.options.validate}
         self._running = context.Process(target=_track, args=(mouth, self.manifest, self.out, how))
-        self._heard = {"said": "starting"}
+        self._heard = {"said": _STARTING}
         self._running.start()
         mouth.close()
         return "tracking; it can be stopped, and goes on where it was"
@@ -273,7 +275,7 @@ class Desk:
         process = self._running
         if process is None or process.pid is None or not process.is_alive():
             return "nothing is being tracked"
-        if os.name == "posix":
+        if os.name == "posix" and self.progress()["said"] != _STARTING:  # Python that starts would print where it is
             os.kill(process.pid, signal.SIGINT)  # as Ctrl-C does: it ends its workers, and sums up
             process.join(10)
         if process.is_alive():
@@ -463,10 +465,16 @@ def _track(mouth: Connection, manifest: Path, out: Path, how: dict[str, Any]) ->
             mouth.send({"said": status, "done": progress.done, "total": progress.total})
 
     try:
-        found = batch(manifest, out, progress=tell, **how)
-    except (MocapError, KeyboardInterrupt) as stop:
         with suppress(OSError):
-            mouth.send({"said": str(getattr(stop, "kept", None) or stop or "stopped")})
+            mouth.send({"said": "looking for what is to be tracked"})
+        found = batch(manifest, out, progress=tell, **how)
+    except KeyboardInterrupt as stop:
+        with suppress(OSError):
+            mouth.send({"said": str(getattr(stop, "kept", "stopped"))})
+        sys.exit(1)
+    except BaseException as error:  # whatever it is, the page says it
+        with suppress(OSError):
+            mouth.send({"said": trouble_of(error).text})
         sys.exit(1)
     with suppress(OSError):
         mouth.send({"said": found.report_text})
@@ -482,7 +490,7 @@ def opened_desk(
         MocapError: there is no trial, or another desk works in ``out``.
     """
     out = out.absolute()
-    with opened(out / "edits", "a desk"):
+    with occupied(out / "edits", "a desk"):
         written = digest(out / PLAN) if (out / PLAN).is_file() else ""
         before = {trial.name: trial for trial in read_manifest(out / PLAN)} if written else {}
         found = {trial.name: trial for trial in find_trials(list(sources), arguments=arguments, out=out)}

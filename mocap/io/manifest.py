@@ -294,7 +294,7 @@ OPEN = ".mocap-open"
 
 
 @contextlib.contextmanager
-def opened(folder: Path, by: str) -> Iterator[None]:
+def occupied(folder: Path, by: str) -> Iterator[None]:
     """Hold a folder against other programs of the same kind; that ends with the process, however it ends.
 
     Args:

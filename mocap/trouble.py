@@ -39,10 +39,8 @@ def trouble_of(error: BaseException) -> Trouble:
     if _disk_is_full(error) and not (isinstance(error, MocapError) and _names_it(error)):
         place = f" ({os.fsdecode(error.filename)})" if isinstance(error, OSError) and error.filename else ""
         return Trouble(f"the disk is full, or your quota is used up{place}: free some space, or choose another place")
-    if isinstance(error, MissingPackageError):  # an extra, whose message says how to install it
-        return Trouble(str(error), page="installing")
-    if isinstance(error, MocapError):
-        return Trouble(" ".join(str(error).split("\n")), page=error.page)
+    if isinstance(error, MissingPackageError | MocapError):
+        return Trouble(" ".join(str(error).split("\n")), page=getattr(error, "page", None))
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object[max(0, error.start - 30) : error.end + 30]
         return Trouble(f"{name}: this file name is not UTF-8: rename the file, or its folder")

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from eal.needs import MissingPackageError
 from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
 from mocap.cli.compare_joints import compare_joints
@@ -35,6 +36,8 @@ from mocap.trouble import ended_by_plugin, trouble_of
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED, TERMINATED = 1, 70, 130, 143
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), Ctrl-C, and SIGTERM."""
+INSTALLING = "installing"
+"""The page (of ``mocap help``) for what is not installed, or not as it should be."""
 COMMANDS = {
     info: "your_files",
     convert: "your_files",
@@ -171,6 +174,7 @@ def explain(error: BaseException) -> int:
     ending = f"; {kept}" if kept else ""
     trouble = trouble_of(error)
     report = f": please report this line to its authors, together with the output of the same command with {DEBUG}"
-    page = f"; see: mocap help {trouble.page}" if trouble.page else ""
+    page = INSTALLING if isinstance(error, MissingPackageError) else trouble.page  # an extra is missing
+    page = f"; see: mocap help {page}" if page else ""
     say_error(f"{trouble.text}{report if trouble.fault else ''}{ending}{page}")
     return FAULT if trouble.fault else TROUBLE

@@ -1,7 +1,11 @@
 """Films that are digitised in the desk: real clicks in a real browser, each on the disk at once."""
 
 import asyncio
+import errno
 import json
+import os
+import subprocess
+import sys
 from contextlib import contextmanager
 
 import httpx2
@@ -18,6 +22,7 @@ from mocap.desk.page import desk_page
 from mocap.desk.session import SAVED, open_session
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
+from mocap.io.manifest import occupied
 from mocap.web.server import served
 from mocap.web.tasks import page
 from tests.mocap.desk.conftest import client, requests_of, until
@@ -215,6 +220,40 @@ def test_clicks_saved_earlier_are_not_replaced_by_others(scene, tmp_path):
         session_of(scene, folder, start=other)
     assert (folder / SAVED).read_bytes() == before
     assert len(session_of(scene, folder, start=folder / SAVED).clicks) == 1
+
+
+def test_what_cannot_be_saved_is_not_gone_on_with(scene, tmp_path, monkeypatch):
+    """A click and an undo on a full disk: refused, and the next are saved without the one, with the other."""
+    session = session_of(scene, tmp_path / "out")
+    first, second, third = scene.clicks()[:3]
+    session.click(first, second)
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    for refused in (lambda: session.click(third), session.undo):
+        with monkeypatch.context() as patch:
+            patch.setattr("mocap.desk.session.write_clicks", full)
+            with pytest.raises(MocapError, match="No space left"):
+                refused()
+        assert (session.clicks, session.steps, session.changes) == ([first, second], [2], 1)
+    session.undo()
+    session.click(third)
+    assert len(session_of(scene, tmp_path / "out").clicks) == 1
+
+
+def test_two_programs_on_one_folder(scene, tmp_path):
+    """The second ``mocap digitise --web`` says so and ends; a folder in which nothing was clicked is gone after it."""
+    out = tmp_path / "new" / "out"
+    words = ["digitise", scene.folder / "films", "--calibration", scene.folder / "calibration.toml", "--skeleton"]
+    words += [scene.folder / "skeleton.toml", "--fps", "100", "--web", "--out", out]
+    run = [sys.executable, "-c", "from mocap.cli.main import main; main()", *map(str, words)]
+    with occupied(out, "mocap digitise --web"):
+        second = subprocess.run(run, capture_output=True, text=True, timeout=180, check=False)
+    assert second.returncode == 1
+    (line,) = second.stderr.splitlines()
+    assert "mocap digitise --web is open there already" in line
+    assert not out.exists()
 
 
 GOOD = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}

@@ -104,10 +104,11 @@ def test_undo_gives_back_every_bit(tmp_path, hidden, clicks):
     status = np.array(proof.tracks.status)
     status[hidden, 1] = Status.PREDICTED
     xyz, cov = np.array(proof.tracks.xyz_m), np.array(proof.tracks.cov_m2)
+    cov[hidden, 1] *= np.arange(1, 11)[:, None, None]  # the further off the less certain
     xyz[3, 0], cov[3, 0], status[3, 0] = np.nan, np.nan, Status.MISSING  # what there is no position of
     proof.tracks = proof.result.tracks = marker_tracks(("a", "b"), proof.tracks.t_s, xyz, cov_m2=cov, status=status)
     place = proof.places()[0]
-    assert place.marker == 1
+    assert (place.marker, place.frame) == (1, hidden.stop - 1)
     states = [proof.tracks]
     for camera in range(clicks):
         where = tuple(seen_px[camera, place.frame, 1].tolist())

@@ -67,6 +67,7 @@ SLOW = {
     "mocap/batches/test_batch.py": 25,
     "mocap/desk/test_desk.py": 34,
     "mocap/desk/test_desk_one_camera.py": 5,
+    "mocap/desk/test_desk_rooms.py": 40,
     "mocap/desk/test_proof.py": 2,
     "mocap/desk/test_session.py": 17,
     "mocap/digitising/test_digitise.py": 10,

@@ -2,9 +2,9 @@
 
 Of each request one of these things becomes: it is refused (a status of 400 to 431, or closed where it is no HTTP), it
 is answered, or there is a defect: an answer that was not allowed, an error of ours (500), no end (60 s). What is
-allowed is judged here, apart from the page's own schema. In the end the page must answer its user, saved clicks must
-lie in the pictures, nothing but the address may be on the terminal, and memory must not have grown by as much as one of
-the largest bodies, of 66 MB.
+allowed is judged here, apart from the page's own schema; what has not seen the last click may be refused (409). In the
+end the page must answer its user, saved clicks must lie in the pictures, nothing but the address may be on the
+terminal, and memory must not have grown by as much as one of the largest bodies, of 66 MB.
 """
 
 import argparse
@@ -84,6 +84,14 @@ class Page:
                 answer = b""
         return int(answer[9:12]) if answer.startswith(b"HTTP/1.1 ") else 0
 
+    def seen(self) -> dict[str, Any]:
+        """What a request that changes something says: what is open, and how many changes its page has seen."""
+        request = f"GET {self.path}overview HTTP/1.1\r\nHost: {self.host}\r\nConnection: close\r\n\r\n"
+        with socket.create_connection(("127.0.0.1", self.port), timeout=SECONDS) as one:
+            one.sendall(request.encode())
+            answer = b"".join(iter(lambda: one.recv(1 << 16), b""))
+        return {"trial": "out", "edits": json.loads(answer.partition(b"\r\n\r\n")[2])["seen"][""]}
+
     def peak_kb(self) -> int:
         """The most memory that the process has held."""
         found = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{self.process.pid}/status").read_text())
@@ -106,7 +114,7 @@ def without_token(page: Page, rng: np.random.Generator) -> tuple[int, bool | Non
     return page.ask(str(rng.choice(METHODS)), path, b"{}", **headers), None if root == page.path else False
 
 
-def other_pages(page: Page, rng: np.random.Generator) -> tuple[int, bool]:
+def other_pages(page: Page, rng: np.random.Generator) -> tuple[int, bool | None]:
     """Hosts and origins of other names, ports and schemes, with the token."""
     name = str(rng.choice([*HOSTS, "127.0.0.1"]))
     port = str(rng.choice(["", ":80", ":9999", f":{page.port}", f":{page.port}0"]))
@@ -116,8 +124,13 @@ def other_pages(page: Page, rng: np.random.Generator) -> tuple[int, bool]:
     scheme = str(rng.choice(["http://", "https://", "file://", "", "null", "chrome-extension://"]))
     origin = None if scheme == "null" and rng.random() < 0.5 else f"{scheme}{name}{port}"
     method = str(rng.choice(["POST", "PUT", "DELETE", "OPTIONS"]))
-    status = page.ask(method, f"{page.path}undo", b"{}", Origin=origin)
-    return status, origin == f"http://{page.host}" and method == "POST"
+    status = page.ask(method, f"{page.path}undo", json.dumps(page.seen()).encode(), Origin=origin)
+    return status, allowed(status, origin == f"http://{page.host}" and method == "POST")
+
+
+def allowed(status: int, may: bool) -> bool | None:
+    """Whether a change may be made; of several at once all but one have not seen that one, and are refused."""
+    return None if may and status == 409 else may
 
 
 def is_click(text: bytes) -> bool:
@@ -126,7 +139,9 @@ def is_click(text: bytes) -> bool:
         given = json.loads(text)
     except (ValueError, RecursionError):
         return False
-    if not isinstance(given, dict) or given.keys() != {*LIMITS, "uv_px"}:
+    if not isinstance(given, dict) or given.keys() != {*LIMITS, "uv_px", "trial", "edits"}:
+        return False
+    if given["trial"] != "out" or type(given["edits"]) is not int:
         return False
     if not all(type(given[key]) is int and 0 <= given[key] < limit for key, limit in LIMITS.items()):
         return False
@@ -138,14 +153,16 @@ def is_click(text: bytes) -> bool:
     return all(math.isfinite(x) and 0.5 <= x <= n + 0.5 for x, n in zip(uv, SIZE, strict=True))
 
 
-def clicks(page: Page, rng: np.random.Generator) -> tuple[int, bool]:
+def clicks(page: Page, rng: np.random.Generator) -> tuple[int, bool | None]:
     """A click one of whose values is another, or whose text is damaged."""
     good = {"camera": "0", "frame": "0", "marker": "0", "uv_px": "[5.5, 7]"}
+    good |= {name: json.dumps(value) for name, value in page.seen().items()}
     if rng.random() < 0.7:
         good[str(rng.choice([*good, "more"]))] = str(rng.choice(VALUES))
     text = ("{" + ", ".join(f'"{key}": {value}' for key, value in good.items()) + "}").encode()
     text = text if rng.random() < 0.7 else damaged(text, str(rng.choice(["bits", "cut", "insert", "delete"])), rng)
-    return page.ask("POST", f"{page.path}place", text), is_click(text)
+    status = page.ask("POST", f"{page.path}place", text)
+    return status, allowed(status, is_click(text))
 
 
 def parameters(page: Page, rng: np.random.Generator) -> tuple[int, bool | None]:
@@ -206,7 +223,8 @@ def run(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as place:
         page = Page(Path(place))
         try:
-            page.ask("POST", f"{page.path}place", b'{"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}')
+            first = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5], **page.seen()}
+            page.ask("POST", f"{page.path}place", json.dumps(first).encode())
             page.ask("GET", f"{page.path}picture?camera=0&frame=0")
             before = page.peak_kb()
             for k, (name, (attack, rare)) in enumerate(ATTACKS.items()):

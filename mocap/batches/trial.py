@@ -4,24 +4,29 @@ import csv
 import hashlib
 import json
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import lru_cache
 from importlib.metadata import version
+from io import StringIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from mocap.documents import decoded, from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io.crop import crops_beside
-from mocap.io.lines import cells_of
 from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
 from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
 from mocap.results.stored import RECORDING
 from mocap.schema import Entry, Schema, checked
+
+_YES = ("true", "yes", "1", "wahr", "vrai", "verdadero", "vero", "waar")
+_NO = ("false", "no", "0", "falsch", "faux", "falso", "onwaar")
+"""What spreadsheets make of a cell that says ``true``, in the languages that they are sold in most."""
 
 
 def yes(cell: str) -> bool:
@@ -30,23 +35,44 @@ def yes(cell: str) -> bool:
     Raises:
         ValueError: it says neither.
     """
-    if cell.casefold() not in ("true", "yes", "false", "no"):
+    if cell.casefold() not in _YES + _NO:
         raise ValueError(cell)
-    return cell.casefold() in ("true", "yes")
+    return cell.casefold() in _YES
+
+
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+
+
+def number(cell: str, *, decimal_comma: bool = False) -> float:
+    """A number, also with a decimal comma.
+
+    Args:
+        cell: The cell.
+        decimal_comma: Whether a comma can only be that, as where it does not separate cells.
+
+    Raises:
+        ValueError: it is no number, or its comma may as well separate thousands.
+    """
+    if "," not in cell:
+        return float(cell)
+    if not decimal_comma and _THOUSANDS.fullmatch(cell):
+        raise ValueError(cell)
+    return float(cell.replace(",", "."))
 
 
 STATED: dict[str, Callable[[str], Any]] = {
-    "fps": float,
+    "fps": number,
     "unit": str,
     "calibration": Path,
     "skeleton": Path,
     "profile": Path,
     "origin": str,
     "calibration_origin": str,
-    "image_height_px": float,
-    "pixel_sd": float,
+    "image_height_px": number,
+    "pixel_sd": number,
     "crop": Path,
     "edits": Path,
+    "edits_anyway": yes,
     "correct_lag": yes,
     "fit_lens": yes,
 }
@@ -115,13 +141,16 @@ def is_manifest(path: Path) -> bool:
             header = stream.readline(10_000).decode("utf-8-sig", "replace")
     except OSError:
         return False
-    titles = {title.strip() for title in next(csv.reader([header], delimiter=_separator(header)), [])} - {""}
+    try:
+        titles = {title.strip() for title in next(csv.reader([header], delimiter=_separator(header)), [])} - {""}
+    except csv.Error:
+        return False
     return "path" in titles and titles <= {*COLUMNS, *TOLD}
 
 
 def _separator(header: str) -> str:
-    """Spreadsheets of some countries separate cells by semicolons."""
-    return BETWEEN if header.count(BETWEEN) > header.count(",") else ","
+    """Spreadsheets of some countries separate cells by semicolons, and some programs by tabs."""
+    return max((",", BETWEEN, "\t"), key=header.count)
 
 
 def read_manifest(path: Path) -> list[Trial]:
@@ -137,32 +166,50 @@ def read_manifest(path: Path) -> list[Trial]:
             row names no file.
     """
     text, _ = decoded(path, path.read_bytes())
-    mark = _separator(text.partition("\n")[0])
-    rows = cells_of(path, text.splitlines(), separator=mark, skipinitialspace=True)
-    titles = next(rows, [])
-    unknown = [title for title in titles if title.strip() and title not in (*COLUMNS, *TOLD)]
-    if unknown or "path" not in titles:
-        raise FormatError(
-            f"{path.name}: columns {', '.join(unknown) or '(no path)'}: a manifest has the column path, and may have "
-            f"{', '.join(c for c in COLUMNS if c != 'path')}"
-        )
+    separator = _separator(text.partition("\n")[0])
+    table = csv.reader(StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
     found: dict[str, Trial] = {}
-    for number, row in enumerate(rows, start=2):
-        cells = {title: text.strip() for title, text in zip(titles, row, strict=False)}
-        if not any(cells.values()):
-            continue
-        trial = _trial(path, number, cells)
-        if trial.name.casefold() in found:
-            raise FormatError(f"{path.name}: line {number}: two trials are called {trial.name!r}: rename one")
-        found[trial.name.casefold()] = trial
+    titles: list[str] = []
+    try:
+        for cells in table:
+            cells = [cell.strip() for cell in cells]
+            where = f"{path.name}: line {table.line_num}"
+            if not any(cells):
+                continue
+            if not titles:
+                titles = _titles(path, cells)
+                continue
+            if beyond := [cell for cell in cells[len(titles) :] if cell]:
+                raise FormatError(
+                    f"{where}: {beyond[0][:40]!r} stands beyond the last column: put cells that contain {separator!r} "
+                    "between double quotes"
+                )
+            row = {title: cell for title, cell in zip(titles, cells, strict=False) if title}
+            trial = _trial(path, where, row, decimal_comma=separator != ",")
+            if trial.name.casefold() in found:
+                raise FormatError(f"{where}: two trials are called {trial.name!r}: rename one")
+            found[trial.name.casefold()] = trial
+    except csv.Error as error:
+        raise FormatError(f"{path.name}: line {table.line_num}: {error}: save it again as CSV") from None
     if not found:
         raise FormatError(f"{path.name}: has no trials: expected a row each, with a path")
     return list(found.values())
 
 
-def _trial(path: Path, number: int, cells: dict[str, str]) -> Trial:
-    files = [path.parent / file.strip() for file in cells["path"].split(BETWEEN) if file.strip()]
-    where = f"{path.name}: line {number}"
+def _titles(path: Path, cells: Sequence[str]) -> list[str]:
+    unknown = [title for title in cells if title and title not in (*COLUMNS, *TOLD)]
+    twice = [title for title in cells if title and cells.count(title) > 1]
+    if unknown or twice or "path" not in cells:
+        wrong = ", ".join(unknown) or (f"{twice[0]} (twice)" if twice else "(no path)")
+        raise FormatError(
+            f"{path.name}: columns {wrong}: a manifest has the column path, and may have "
+            f"{', '.join(c for c in COLUMNS if c != 'path')}"
+        )
+    return list(cells)
+
+
+def _trial(path: Path, where: str, cells: dict[str, str], *, decimal_comma: bool) -> Trial:
+    files = [path.parent / file.strip() for file in cells.get("path", "").split(BETWEEN) if file.strip()]
     if not files:
         raise FormatError(f"{where}: names no file in the column path")
     arguments: dict[str, Any] = {}
@@ -174,7 +221,7 @@ def _trial(path: Path, number: int, cells: dict[str, str]) -> Trial:
                 files_of = [path.parent / one.strip() for one in cell.split(BETWEEN)]
                 arguments[title] = files_of[0] if len(files_of) == 1 else files_of
             else:
-                arguments[title] = kind(cell)
+                arguments[title] = number(cell, decimal_comma=decimal_comma) if kind is number else kind(cell)
         except ValueError:
             kinds = "yes or no" if kind is yes else "a number"
             raise FormatError(f"{where}: {title} {cell!r} is not {kinds}") from None
@@ -216,10 +263,16 @@ def write_manifest(
             for title in STATED:
                 value = trial.arguments.get(title, "")
                 several = value if isinstance(value, list | tuple) else [value]
-                texts = [relative(Path(v), folder) if STATED[title] is Path and v != "" else str(v) for v in several]
+                texts = [_cell(title, one, folder) for one in several]
                 cells.append(BETWEEN.join(texts))
             cells += [columns[i].get(title, "") if columns else "" for title in TOLD]
             writer.writerow(cells)
+
+
+def _cell(title: str, value: Any, folder: Path) -> str:
+    if isinstance(value, bool):  # spreadsheets turn True into a word of their language
+        return "yes" if value else "no"
+    return relative(Path(value), folder) if STATED[title] is Path and value != "" else str(value)
 
 
 RECORD = "trial.json"

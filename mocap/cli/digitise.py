@@ -71,18 +71,20 @@ def digitise(
         from mocap.desk.desk import Desk
         from mocap.desk.page import desk_page
         from mocap.desk.session import SAVED, open_session
+        from mocap.io.manifest import occupied
         from mocap.web.server import served
 
         words = [word for word in sys.argv[1:] if word != "--web"]  # of two --start the last one counts
         same = typed(program(), *words, "--start", out / SAVED, "--force")
-        session = open_session(videos, folder=out, start=start, command=same, **given)
-        desk = Desk(out=out, trials={}, options=Options(), proof=session)
-        with served(desk_page(desk), port=port) as page:
-            say(
-                f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
-                "Who has this address can see the videos and change the clicks: keep it to yourself.",
-            )
-            page.wait()
+        with occupied(out, "mocap digitise --web"):
+            session = open_session(videos, folder=out, start=start, command=same, **given)
+            desk = Desk(out=out, trials={}, options=Options(), proof=session)
+            with served(desk_page(desk), port=port) as page:
+                say(
+                    f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
+                    "Who has this address can see the videos and change the clicks: keep it to yourself.",
+                )
+                page.wait()
         if session.found is not None:
             with result_folder(out, "digitise", replace=True, beside=True, tell=say) as folder:
                 session.found.write(folder, most=budget)

@@ -4,6 +4,7 @@ import os
 import shlex
 import signal
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -22,24 +23,28 @@ from mocap.cameras.arrangement import ArrangementError
 from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof
 from mocap.desk.session import Session
+from mocap.documents import regular_bytes
 from mocap.errors import MocapError
 from mocap.findings import Finding, Kind, worst_first
-from mocap.io.manifest import locked
-from mocap.io.output import result_file, result_folder
+from mocap.io.manifest import digest, occupied
+from mocap.io.output import result_file, result_folder, taken_over
 from mocap.pipeline.cleaning import audit_points
 from mocap.pipeline.edits import read_edits, standing
 from mocap.pipeline.ideal_pixels import with_rays
 from mocap.pipeline.reading import OPTIONS, in_options
 from mocap.results.tracked import load
 from mocap.text import number_of
+from mocap.trouble import trouble_of
 
 EDITS = "edits.jsonl"
+_STARTING = "starting"
 MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
     "fit_lens": (("Estimate the lens", True),),
     "correct_lag": (("Correct the lag", True),),
     "origin": (("Rows count from above", "upper-left"), ("Rows count from below", "lower-left")),
     "unit": tuple((f"Lengths are in {unit}", unit) for unit in ("m", "mm", "cm", "in", "ft")),
     "tracks": (("Swap the cameras", "in their order"),),
+    "edits_anyway": (("Use the corrections all the same", True),),
 }
 """What can be done about a finding, by the argument of ``mocap.read`` that mends it: what a person reads, and the
 argument's value."""
@@ -75,6 +80,8 @@ class Desk:
     jobs: int = 2
     proof: Proof | Session | None = None
     draft: Draft | None = None
+    _written: str = ""
+    _changes: Counter[str] = field(default_factory=Counter)
     _running: BaseProcess | None = None
     _ear: Connection | None = None
     _heard: dict[str, Any] = field(default_factory=dict)
@@ -84,10 +91,38 @@ class Desk:
         """The trials with what is stated of each, for ``mocap batch``."""
         return self.out / PLAN
 
-    def save(self) -> None:
-        """Write the manifest."""
+    def keep(self, trials: Mapping[str, Trial]) -> None:
+        """Write the manifest of trials, and then go on with them.
+
+        Raises:
+            MocapError: it cannot be written, or was changed by another program; nothing is as they say then.
+        """
+        if trials == self.trials:
+            return
+        if self._written and self.manifest.is_file() and digest(self.manifest) != self._written:
+            raise MocapError(
+                f"{self.manifest} was changed by another program while this desk is open, and nothing was kept: end "
+                "the desk and start it again, and it is read"
+            )
         with result_file(self.manifest, replace=True) as file:
-            write_manifest(file, list(self.trials.values()), folder=self.out)
+            write_manifest(file, list(trials.values()), folder=self.out)
+        self._written, self.trials = digest(self.manifest), dict(trials)
+
+    def seen(self, name: str) -> int:
+        """How many edits there are of a trial, or of all (an empty name): lines of its log, and what was stated of it.
+
+        A page tells with each of its requests how many it has seen: another number is that of another page.
+        """
+        if isinstance(self.proof, Session):
+            return self.proof.changes
+        if not name:
+            return sum(map(self.seen, self.trials))
+        log = self.log(name)
+        return self._changes[name] + (regular_bytes(log).count(b"\n") if log.is_file() else 0)
+
+    def stated(self, *names: str) -> None:
+        """Something was stated of trials, or drawn of their skeleton, that another page has not seen."""
+        self._changes.update(names)
 
     def log(self, name: str) -> Path:
         """The edits of a trial."""
@@ -113,13 +148,14 @@ class Desk:
             if status == "done" and current is None:
                 status = "changed"
             row = {} if record is None else record.row
+            edits, damaged = _number_of_edits(log)
             rows.append(
                 {
                     "name": trial.name,
                     "files": [path.name for path in trial.paths],
                     "status": status,
-                    "error": in_options(trial.skip or ("" if record is None else record.error)),
-                    "edits": len(standing(read_edits(log))) if log.is_file() else 0,
+                    "error": in_options(damaged or trial.skip or ("" if record is None else record.error)),
+                    "edits": edits,
                     "warning": str(row.get("warning", "")),
                     "measured_percent": row.get("measured_percent"),
                     "stated": {key: str(value) for key, value in trial.arguments.items() if key != "hints"},
@@ -127,7 +163,8 @@ class Desk:
                     "passes": {kind: [label, self.passing(trial.name, kind)] for kind, label in PASSED.items()},
                 }
             )
-        return {"trials": rows, "command": self.batch_command()}
+        seen = {name: self.seen(name) for name in ("", *self.trials)}
+        return {"trials": rows, "command": self.batch_command(), "out": str(self.out), "seen": seen}
 
     def command(self, trial: Trial) -> str:
         """The command that tracks a trial as the desk does."""
@@ -147,7 +184,7 @@ class Desk:
 
     def audit(self, name: str) -> list[dict[str, Any]]:
         """What is found in a trial's files, worst first, each with what the program can do about it."""
-        trial = self.trial(name)
+        trial = self._as_edited(self.trial(name))
         found: list[Finding] = []
         swap = None
         try:
@@ -196,31 +233,29 @@ class Desk:
             value: Its value.
 
         Raises:
-            MocapError: no order of the files makes the cameras fit.
+            MocapError: no order of the files makes the cameras fit, or it cannot be kept.
         """
         trial = self.trial(name)
         if key == "skip":
-            self.trials[name] = replace(trial, skip=str(value))
+            changed = replace(trial, skip=str(value))
         elif key == "tracks":
-            self.trials[name] = _in_order(trial)
+            changed = _in_order(trial)
         else:
-            self.trials[name] = replace(trial, arguments={**trial.arguments, key: value})
-        self.save()
+            changed = replace(trial, arguments={**trial.arguments, key: value})
+        self.keep({**self.trials, name: changed})
+        self.stated(name)
         return f"{name}: {key.replace('_', ' ')} {value}"
 
     def track(self) -> str:
         """Begin to track what has not been tracked as it is now; ``progress`` tells how far it is."""
         if self._running is not None and self._running.is_alive():
             return "it is being tracked"
-        for name in self.trials:  # a log that came since
-            if self.log(name).is_file() and "edits" not in self.trials[name].arguments:
-                self.state(name, "edits", self.log(name))
-        self.save()
+        self.keep({name: self._as_edited(trial) for name, trial in self.trials.items()})  # with logs that came since
         context = get_context("spawn")
         self._ear, mouth = context.Pipe(duplex=False)
         how = {"jobs": self.jobs, "model": self.options.model, "validate": self.options.validate}
         self._running = context.Process(target=_track, args=(mouth, self.manifest, self.out, how))
-        self._heard = {"said": "starting"}
+        self._heard = {"said": _STARTING}
         self._running.start()
         mouth.close()
         return "tracking; it can be stopped, and goes on where it was"
@@ -239,7 +274,7 @@ class Desk:
         process = self._running
         if process is None or process.pid is None or not process.is_alive():
             return "nothing is being tracked"
-        if os.name == "posix":
+        if os.name == "posix" and self.progress()["said"] != _STARTING:  # Python that starts would print where it is
             os.kill(process.pid, signal.SIGINT)  # as Ctrl-C does: it ends its workers, and sums up
             process.join(10)
         if process.is_alive():
@@ -256,7 +291,8 @@ class Desk:
             raise MocapError(f"{name} has not been tracked: track it first")
         plain = replace(trial, arguments={key: value for key, value in trial.arguments.items() if key != "edits"})
         self.proof = None
-        self.proof = open_proof(name, plain.recording(), load(self.out / name), self.log(name))
+        anyway = trial.arguments.get("edits_anyway", False)
+        self.proof = open_proof(name, plain.recording(), load(self.out / name), self.log(name), anyway=anyway)
         edits = {"edits": self.log(name)}
         commands = {
             "proof": self.command(replace(trial, arguments={**trial.arguments, **edits})),
@@ -264,6 +300,22 @@ class Desk:
             "scene": shlex.join(["mocap", "view", str(self.out / name)]),
         }
         return self.proof.info() | {"commands": commands}
+
+    def is_seen(self, place: str, trial: str, edits: int | None = None) -> bool:
+        """Whether a page shows what is open here, with all edits.
+
+        Args:
+            place: Where it shows it: ``proof`` or ``draft`` as of the attributes, else the table of trials.
+            trial: Which it shows; empty: all.
+            edits: How many it has seen (``seen``); None: it only looks.
+        """
+        if place == "draft":
+            here = self.draft is not None and trial == self.draft.trial
+        elif place == "proof":
+            here = self.proof is not None and trial == self.proof.name
+        else:
+            here = not trial or trial in self.trials
+        return here and (edits is None or edits == self.seen(trial))
 
     def opened(self) -> Proof | Session:
         """What is open in the room of videos; a MocapError where nothing is."""
@@ -309,12 +361,10 @@ class Desk:
                 raise MocapError(
                     f"{log} has corrections of {', '.join(map(str, lost))}: keep these names, or undo the corrections"
                 )
-        draft.save(found)
-        for name in same:
-            self.trials[name] = replace(
-                self.trials[name], arguments={**self.trials[name].arguments, "skeleton": draft.path}
-            )
-        self.save()
+        draft.save(found)  # not in force before it is stated
+        stated = {name: {**self.trials[name].arguments, "skeleton": draft.path} for name in same}
+        self.keep(self.trials | {name: replace(self.trials[name], arguments=of) for name, of in stated.items()})
+        self.stated(*same)
         if isinstance(self.proof, Proof) and self.proof.name in same:
             self.proof = None  # it has the names of before
         return f"wrote {draft.path} for {number_of(len(same), 'trial')}"
@@ -348,7 +398,17 @@ class Desk:
 
     def _as_edited(self, trial: Trial) -> Trial:
         log = self.log(trial.name)
-        return replace(trial, arguments={**trial.arguments, "edits": log}) if log.is_file() else trial
+        if not log.is_file() or "edits" in trial.arguments:
+            return trial
+        return replace(trial, arguments={**trial.arguments, "edits": log})
+
+
+def _number_of_edits(log: Path) -> tuple[int, str]:
+    """How many corrections of a log stand, and what is wrong with it."""
+    try:
+        return len(standing(read_edits(log))) if log.is_file() else 0, ""
+    except MocapError as error:
+        return 0, str(error)
 
 
 def _there(what: Any, kind: Any, problem: str) -> Any:
@@ -404,10 +464,16 @@ def _track(mouth: Connection, manifest: Path, out: Path, how: dict[str, Any]) ->
             mouth.send({"said": status, "done": progress.done, "total": progress.total})
 
     try:
-        found = batch(manifest, out, progress=tell, **how)
-    except (MocapError, KeyboardInterrupt) as stop:
         with suppress(OSError):
-            mouth.send({"said": str(getattr(stop, "kept", None) or stop or "stopped")})
+            mouth.send({"said": "looking for what is to be tracked"})
+        found = batch(manifest, out, progress=tell, **how)
+    except KeyboardInterrupt as stop:
+        with suppress(OSError):
+            mouth.send({"said": str(getattr(stop, "kept", "stopped"))})
+        sys.exit(1)
+    except BaseException as error:  # whatever it is, the page says it
+        with suppress(OSError):
+            mouth.send({"said": trouble_of(error).text})
         sys.exit(1)
     with suppress(OSError):
         mouth.send({"said": found.report_text})
@@ -423,12 +489,15 @@ def opened_desk(
         MocapError: there is no trial, or another desk works in ``out``.
     """
     out = out.absolute()
-    before = {trial.name: trial for trial in read_manifest(out / PLAN)} if (out / PLAN).is_file() else {}
-    found = {trial.name: trial for trial in find_trials(list(sources), arguments=arguments, out=out)}
-    (out / "edits").mkdir(parents=True, exist_ok=True)
-    with locked(out / "edits"):
-        desk = Desk(out=out, trials=found | before, options=options, jobs=jobs)
-        desk.save()
+    with occupied(out / "edits", "a desk"):
+        written = digest(out / PLAN) if (out / PLAN).is_file() else ""
+        before = {trial.name: trial for trial in read_manifest(out / PLAN)} if written else {}
+        found = {trial.name: trial for trial in find_trials(list(sources), arguments=arguments, out=out)}
+        desk = Desk(out=out, trials=before, options=options, jobs=jobs)
+        if written:  # also where a person corrected it: what it states is read, and goes on
+            taken_over(out / PLAN, written)
+            desk._written = written
+        desk.keep(found | before)
         try:
             yield desk
         finally:

@@ -1,21 +1,22 @@
 """The page of the desk: each request has a schema, and is one call of the desk."""
 
+import json
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from hashlib import sha256
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import cv2
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 from starlette.applications import Starlette
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from mocap.desk.desk import MEND, PASSED, Desk
-from mocap.web.tasks import Nothing, Query, below, changes, limits_of, page, reads, task
+from mocap.web.tasks import Elsewhere, Nothing, Query, below, changes, limits_of, page, reads, task
 
 _POLICY = (
     "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
@@ -30,11 +31,51 @@ _Point = Annotated[int, below("points")]
 _STATED = {(key, value) for key, ways in MEND.items() for _, value in ways}
 
 
+W = TypeVar("W", bound="_Writes")
+
+
 class _Trial(Query):
     trial: _Text
 
 
-class _Answer(_Trial):
+class _Of(Query):
+    """What a page asks of a trial that it shows: it shows what is open here (``Desk.is_seen``).
+
+    That comes before anything else, as numbers of another trial's markers and frames mean something else.
+    """
+
+    trial: _Text | None = None
+    _place: ClassVar[str] = "proof"
+    _writes: ClassVar[bool] = False
+
+    @classmethod
+    def look(cls, given: bytes | dict[str, str], limits: Mapping[str, Any]) -> None:
+        """Refuse a request of a page that does not show what is open here."""
+        try:
+            of = json.loads(given) if isinstance(given, bytes) else given
+        except (ValueError, RecursionError):  # which its schema refuses
+            return
+        trial, edits = (of.get("trial"), of.get("edits")) if isinstance(of, dict) else (None, None)
+        if not isinstance(trial, str | None) or type(edits) not in (int, type(None)):
+            return
+        if cls._writes and (trial is None or edits is None):
+            raise Elsewhere
+        if trial is not None and not limits["is_seen"](cls._place, trial, edits if cls._writes else None):
+            raise Elsewhere
+
+
+class _Writes(_Of):
+    """What a page changes of it: it has seen all edits."""
+
+    edits: int | None = None
+    _writes: ClassVar[bool] = True
+
+
+class _WritesTrial(_Writes):
+    _place: ClassVar[str] = "trials"
+
+
+class _Answer(_WritesTrial):
     name: _Text
     value: bool | _Text
 
@@ -45,25 +86,25 @@ class _Answer(_Trial):
         return self
 
 
-class _Passed(_Trial):
+class _Passed(_WritesTrial):
     kind: Literal[*PASSED]  # pyright: ignore[reportInvalidTypeForm]
 
 
-class _Named(Query):
+class _Named(_Of):
     name: _Text
 
 
-class _Picture(Query):
+class _Picture(_Of):
     camera: Annotated[int, below("cameras")]
     frame: _Frame
 
 
-class _Shown(Query):
+class _Shown(_Of):
     frame: _Frame
     marker: _Marker
 
 
-class _Range(Query):
+class _Range(_Writes):
     marker: _Marker
     first: _Frame
     last: _Frame
@@ -73,7 +114,9 @@ class _Exchange(_Range):
     other: _Marker
 
 
-class _Click(_Picture):
+class _Click(_Writes):
+    camera: Annotated[int, below("cameras")]
+    frame: _Frame
     marker: _Marker
     uv_px: tuple[float, float] | None
 
@@ -86,12 +129,14 @@ class _Click(_Picture):
         return self
 
 
-class _Seen(Query):
+class _Seen(_Of):
+    _place: ClassVar[str] = "draft"
     frame: Annotated[int, below("drawn_frames")]
     camera: Annotated[int, below("drawn_cameras")] | None = None
 
 
-class _Drawn(Query):
+class _Drawn(_Writes):
+    _place: ClassVar[str] = "draft"
     names: list[_Text]
     bones: list[tuple[_Point, _Point, bool]]
     trunk: list[_Point]
@@ -106,14 +151,14 @@ class _File(Query):
 def desk_page(desk: Desk) -> Starlette:
     """The page of a desk, for ``mocap.web.served``."""
     counts = ("cameras", "frames", "markers", "points", "drawn_frames", "drawn_cameras")
-    limits: dict[str, Any] = {**dict.fromkeys(counts, 0), "sizes": []}
+    limits: dict[str, Any] = {**dict.fromkeys(counts, 0), "sizes": [], "is_seen": desk.is_seen}
 
     def opened(given: _Trial) -> dict[str, Any]:
         info = desk.open(given.trial)
         limits.update(
             cameras=len(info["cameras"]), frames=info["n_frames"], markers=len(info["names"]), sizes=info["sizes"]
         )
-        return info
+        return info | {"seen": desk.seen(info["trial"])}
 
     def picture(at: _Picture) -> Response:
         found = desk.opened().picture(at.camera, at.frame)
@@ -127,9 +172,24 @@ def desk_page(desk: Desk) -> Starlette:
     def draft(given: _Trial) -> dict[str, Any]:
         info = desk.draw(given.trial)
         limits.update(points=len(info["points"]), drawn_frames=info["n_frames"], drawn_cameras=len(info["cameras"]))
-        return info
+        return info | {"seen": desk.seen(given.trial)}
 
-    def places(_: Nothing) -> list[dict[str, Any]]:
+    def drawing(work: Callable[..., str]) -> Callable[[_Drawn], str]:
+        def drawn(given: _Drawn) -> str:
+            said = work(**_own(given))
+            desk.stated(desk.drawing().trial)
+            return said
+
+        return drawn
+
+    def writes(path: str, query: type[W], work: Callable[[W], str]) -> Route:
+        def answered(given: W) -> Response:
+            said, trial = work(given), given.trial or ""
+            return JSONResponse({"said": said, "seen": {name: desk.seen(name) for name in ("", trial)}})
+
+        return task(path, query, answered, changes=True)
+
+    def places(_: _Of) -> list[dict[str, Any]]:
         return [{**vars(place), "worth_mm2": round(1e6 * place.worth_m2, 3)} for place in desk.opened().places()]
 
     if desk.proof is not None:
@@ -142,7 +202,7 @@ def desk_page(desk: Desk) -> Starlette:
             reads("/open", _Trial, opened),
             reads("/progress", Nothing, lambda _: desk.progress()),
             reads("/frame", _Shown, lambda at: desk.opened().frame(at.frame, at.marker)),
-            reads("/places", Nothing, places),
+            reads("/places", _Of, places),
             reads("/curve", _Named, lambda given: desk.tracked().curve(given.name)),
             task(
                 "/potential",
@@ -155,22 +215,27 @@ def desk_page(desk: Desk) -> Starlette:
             reads("/drawn", Nothing, lambda _: desk.drawn()),
             reads("/points", _Seen, lambda at: desk.drawing().places(at.frame, at.camera)),
             task("/sketch", _Seen, sketched),
-            changes("/propose", _Drawn, lambda given: desk.drawing().propose(**dict(given))),
-            changes("/mirror", _Drawn, lambda given: desk.drawing().mirror(**dict(given))),
-            changes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**dict(given))),
-            changes("/state", _Answer, lambda given: desk.state(given.trial, given.name, given.value)),
-            changes("/track", Nothing, lambda _: desk.track()),
+            writes("/propose", _Drawn, drawing(lambda **drawn: desk.drawing().propose(**drawn))),
+            writes("/mirror", _Drawn, drawing(lambda **drawn: desk.drawing().mirror(**drawn))),
+            writes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**_own(given))),
+            writes("/state", _Answer, lambda given: desk.state(given.trial or "", given.name, given.value)),
+            writes("/track", _WritesTrial, lambda _: desk.track()),
             changes("/stop", Nothing, lambda _: desk.stop()),
-            changes("/find", Nothing, lambda _: desk.session().run()),
-            changes("/place", _Click, lambda at: desk.opened().place(**dict(at))),
-            changes("/exchange", _Exchange, lambda at: desk.opened().exchange(**dict(at))),
-            changes("/delete", _Range, lambda at: desk.opened().delete(**dict(at))),
-            changes("/undo", Nothing, lambda _: desk.opened().undo()),
-            changes("/settle", Nothing, lambda _: desk.opened().settle()),
-            changes("/pass", _Passed, lambda given: desk.pass_on(given.trial, given.kind)),
+            writes("/find", _Writes, lambda _: desk.session().run()),
+            writes("/place", _Click, lambda at: desk.opened().place(**_own(at))),
+            writes("/exchange", _Exchange, lambda at: desk.opened().exchange(**_own(at))),
+            writes("/delete", _Range, lambda at: desk.opened().delete(**_own(at))),
+            writes("/undo", _Writes, lambda _: desk.opened().undo()),
+            writes("/settle", _Writes, lambda _: desk.opened().settle()),
+            writes("/pass", _Passed, lambda given: desk.pass_on(given.trial or "", given.kind)),
         ],
         limits=limits,
     )
+
+
+def _own(given: _Writes) -> dict[str, Any]:
+    """What a request says but of what the page has seen."""
+    return {name: value for name, value in given if name not in ("trial", "edits")}
 
 
 def _shell() -> Route:

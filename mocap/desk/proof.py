@@ -21,7 +21,7 @@ from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, liste
 from mocap.errors import MocapError
 from mocap.pipeline.by_hand import errors_left, with_hand
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, standing
+from mocap.pipeline.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
 from mocap.pipeline.ideal_pixels import of_one_camera, straightened
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.retrack import AROUND, tracked_again
@@ -112,6 +112,7 @@ class Proof(Pictures):
         edits: All lines of the log.
         ahead: The recording being cleaned while a person looks; None: that is done at the first correction.
         pending: Edits that nothing was solved with yet, and whether they were taken back.
+        settled: What each edit changed in the tracks, of those that were solved since this was opened, in their order.
         recording: ``raw`` with the edits.
         tracks: The result, with what the corrections since have settled.
     """
@@ -122,6 +123,7 @@ class Proof(Pictures):
     ahead: Future | None = None
     edits: list[Edit] = field(default_factory=list)
     pending: list[tuple[Edit, bool]] = field(default_factory=list)
+    settled: list[tuple[Edit, "_Change"]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Replay the log."""
@@ -191,6 +193,10 @@ class Proof(Pictures):
         return linear(stacked(self.raw.cameras), self.raw.ideal_px)
 
     @cached_property
+    def _samples(self) -> Samples:
+        return samples_of(self.raw)
+
+    @cached_property
     def _cleaned(self) -> tuple[Recording, float]:
         return _cleaned(self.raw) if self.ahead is None else self.ahead.result()
 
@@ -225,6 +231,7 @@ class Proof(Pictures):
 
         Raises:
             MocapError: it names what is not there; nothing was kept then.
+            OSError: it cannot be saved; nothing was kept then, either.
         """
         if what.get("uv_px") is not None:
             what["uv_px"] = tuple(self.upright(np.array(what["uv_px"], dtype=float)).tolist())
@@ -233,7 +240,7 @@ class Proof(Pictures):
         if edit.what == "undo" and not kept:
             return "there is no correction to take back"
         recording = edited(self.raw, [*self.edits, edit], where="the correction")
-        append_edit(self.log, edit)
+        append_edit(self.log, edit, self._samples)
         self.edits.append(edit)
         self.recording = recording
         self.pending.append((kept[-1], True) if edit.what == "undo" else (edit, False))
@@ -244,11 +251,24 @@ class Proof(Pictures):
         """Solve again what the corrections touch that were made since this was called last."""
         message = "nothing to solve"
         while self.pending:
-            message = self._settle(*self.pending.pop(0))
+            edit, back = self.pending.pop(0)
+            if back and self.settled and self.settled[-1][0] is edit:
+                self.tracks = self.settled.pop()[1].taken_back(self.tracks)
+                message = f"{edit.marker} is as it was before"
+                continue
+            before = self.tracks
+            try:
+                message = self._settle(edit, back)
+            finally:  # also where it cannot be solved, which changes nothing
+                if not back:
+                    self.settled.append((edit, _Change.of(before, self.tracks)))
         return message
 
     def _settle(self, edit: Edit, back: bool) -> str:
-        """Solve again what an edit touches: around it, or around both ends of a range, whose middle is as it says."""
+        """Solve again what an edit touches: around it, or around both ends of a range, whose middle is as it says.
+
+        An edit that is taken back here is one that the result was tracked with.
+        """
         first, last = (edit.frame or 1) - 1, (edit.last or edit.frame or 1) - 1
         which = np.array([self.raw.names.index(name) for name in (edit.marker, edit.other) if name is not None])
         spans = [(first, last)] if last - first <= 2 * AROUND else [(first, first), (last, last)]
@@ -292,7 +312,9 @@ class Proof(Pictures):
             near = (frames[:, None] >= span[0]) & (frames[:, None] <= span[1])
             # measured samples beside it that it says nothing of stay as all markers together have them
             new = near | (changed | moved)[window][:, which] | (status[window][:, which] != Status.MEASURED)
-            new &= (np.isfinite(found.xyz_m[..., 0]) | near) & ~named[window][:, which]
+            # where nothing is found, what was extrapolated stays; what was measured is not any more
+            gone = near & (status[window][:, which] == Status.MEASURED)
+            new &= (np.isfinite(found.xyz_m[..., 0]) | gone) & ~named[window][:, which]
             for array, value in zip((xyz, cov, status), (found.xyz_m, found.cov_m2, found.status), strict=True):
                 old = array[np.ix_(frames, which)]
                 array[np.ix_(frames, which)] = np.where(new.reshape(*new.shape, *(1,) * (old.ndim - 2)), value, old)
@@ -369,6 +391,35 @@ class Proof(Pictures):
         return picture.getvalue()
 
 
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """What was in tracks before an edit was solved, where that changed them.
+
+    Attributes:
+        at: (T, M) True where a bit of a sample changed.
+        before: The N samples of ``xyz_m``, ``cov_m2`` and ``status`` there.
+    """
+
+    at: NDArray[np.bool_]
+    before: tuple[Array, Array, NDArray[np.int8]]
+
+    @classmethod
+    def of(cls, before: MarkerTracks, after: MarkerTracks) -> "_Change":
+        """Of tracks before and after."""
+        at = before.status != after.status
+        for old, new in ((before.xyz_m, after.xyz_m), (before.cov_m2, after.cov_m2)):
+            same = (old == new) | (np.isnan(old) & np.isnan(new))
+            at |= ~same.reshape(*at.shape, -1).all(axis=-1)
+        return cls(at, (before.xyz_m[at], before.cov_m2[at], before.status[at]))
+
+    def taken_back(self, tracks: MarkerTracks) -> MarkerTracks:
+        """The tracks with these samples as they were."""
+        new = [np.array(a) for a in (tracks.xyz_m, tracks.cov_m2, tracks.status)]
+        for array, old in zip(new, self.before, strict=True):
+            array[self.at] = old
+        return replace(tracks, xyz_m=new[0], cov_m2=new[1], status=new[2])
+
+
 def _cleaned(raw: Recording) -> tuple[Recording, float]:
     """A recording without edits, cleaned as for tracking, and how long errors of its rays last."""
     found = clean(raw)
@@ -382,10 +433,22 @@ def _user() -> str:
         return "unknown"
 
 
-def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> Proof:
-    """Open a trial for proof-reading, with its videos where they lie beside its tracks."""
-    edits = read_edits(log) if log.is_file() else []
+def open_proof(name: str, recording: Recording, result: Tracked, log: Path, *, anyway: bool = False) -> Proof:
+    """Open a trial for proof-reading, with its videos where they lie beside its tracks.
+
+    Args:
+        name: Of the trial.
+        recording: Its files, as read without corrections.
+        result: What was tracked of them.
+        log: The corrections.
+        anyway: Whether corrections are taken also where they were made on another recording.
+
+    Raises:
+        OtherRecording: they were, and are not to be.
+    """
+    found = read_log(log) if log.is_file() else Log(name=log.name, edits=[])
+    found.checked(recording, anyway=anyway)
     pictures = pictures_of(recording)
     solves = pictures.raw.rows is not None and not of_one_camera(pictures.raw)
     ahead = ThreadPoolExecutor(1).submit(_cleaned, pictures.raw) if solves else None
-    return Proof(name=name, **vars(pictures), result=result, log=log, edits=edits, ahead=ahead)
+    return Proof(name=name, **vars(pictures), result=result, log=log, edits=found.edits, ahead=ahead)

@@ -42,6 +42,7 @@ class Session:
         pending: What was not named yet: clicks, and the frames that are meant (False: those about them, too), or how
             many were taken back.
         found: What was digitised; None: nothing yet.
+        changes: How often the clicks were changed since this was opened.
     """
 
     videos: Videos
@@ -55,11 +56,17 @@ class Session:
     steps: list[int] = field(default_factory=list)
     pending: list[Callable[[], Any]] = field(default_factory=list)
     found: Digitised | None = None
+    changes: int = 0
+
+    @property
+    def name(self) -> str:
+        """What pages call it."""
+        return self.folder.name
 
     def info(self) -> dict[str, Any]:
         """What does not change."""
         return {
-            "trial": self.folder.name,
+            "trial": self.name,
             "names": list(self.skeleton.markers),
             "cameras": [camera.name for camera in self.cameras],
             "sizes": [list(movie.size_px) for movie in self.videos.movies],
@@ -70,30 +77,35 @@ class Session:
             "commands": {"proof": self.command},
         }
 
-    def _save(self) -> str:
-        """Write all clicks in DLTdv's format; the earlier file or the new one is there, whatever happens."""
+    def _keep(self, clicks: list[Click]) -> str:
+        """Write all clicks in DLTdv's format, and then go on with them.
+
+        The earlier file or the new one is there, whatever happens; what cannot be written is not gone on with.
+        """
         with result_folder(self.folder, "clicks", replace=True, beside=True) as draft:
             write_clicks(
                 draft / SAVED,
-                self.clicks,
+                clicks,
                 names=self.skeleton.markers,
                 cameras=[camera.name for camera in self.cameras],
                 n_frames=self.videos.n_frames,
                 fps=self.fps,
             )
-            write_unseen(draft / UNSEEN, self.clicks)
-        return f"{len(self.clicks)} click{'s' * (len(self.clicks) != 1)}"
+            write_unseen(draft / UNSEEN, clicks)
+        self.clicks[:] = clicks
+        self.changes += 1
+        return f"{len(clicks)} click{'s' * (len(clicks) != 1)}"
 
     def click(self, *clicks: Click, within: bool = False) -> str:
         """Take clicks; they are on the disk when this returns. ``settle`` names again what they change."""
         if not clicks:
             return "there is nothing to change"
-        self.clicks += clicks
+        said = self._keep([*self.clicks, *clicks])
         self.steps.append(len(clicks))
         if self.found is not None:
             found = self.found
             self.pending.append(lambda: found.click(clicks, within=within))
-        return self._save()
+        return said
 
     def place(self, **where: Any) -> str:
         """One click."""
@@ -118,12 +130,13 @@ class Session:
         """Take the last step back."""
         if not self.clicks:
             return "there is no click to take back"
-        count = self.steps.pop() if self.steps else 1
-        del self.clicks[-count:]
+        count = self.steps[-1] if self.steps else 1
+        said = self._keep(self.clicks[:-count])
+        del self.steps[-1:]
         found = self.found
         if found is not None and (self.pending or found.engine.clicks):
             self.pending.append(lambda: found.undo(count) and None)
-        return self._save()
+        return said
 
     def settle(self) -> str:
         """Name again what the clicks change that were made or taken back since this was called last."""

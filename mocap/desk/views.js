@@ -3,17 +3,25 @@
 // what the pages of ours share: asking the server, and pictures of cameras in which markers are seen, zoomed and clicked
 const $ = id => document.getElementById(id);
 const views = [];  // of each camera: { canvas, size, image, zoom, at }; `at` is the place in the middle
-let busy = Promise.resolve();
+let busy = Promise.resolve(), seen = {}, work = "";  // seen: how many edits of each trial this page knows; work: where all is kept
 
 // addresses are relative: they carry the token on
 async function get(path, how) {
-  const r = await fetch(path, how), answer = await r.json();
+  let r;
+  try { r = await fetch(path, how); } catch {
+    document.body.dataset.ended = "1";
+    throw `The program has ended. All that it had said to be kept is in ${work}: start it again, and it goes on there.`;
+  }
+  const answer = await r.json();
+  if (answer.reload) $("reload").hidden = false;
   if (!r.ok) throw answer.said;
   return answer;
 }
-async function post(path, data) {
-  const how = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(data) };
-  const answer = await get(path, how);
+// what changes a trial says how many edits of it this page has seen; after that it has seen its own, too
+async function post(path, trial, data) {
+  const body = JSON.stringify({ ...data, trial, edits: seen[trial] ?? -1 });
+  const answer = await get(path, { method: "POST", headers: { "Content-Type": "application/json" }, body });
+  seen = { ...seen, ...answer.seen };
   $("said").textContent = answer.said;
   return answer;
 }
@@ -21,6 +29,8 @@ async function post(path, data) {
 function queued(work) { busy = busy.then(work).catch(e => { $("said").textContent = String(e); }); return busy; }
 function make(kind, text, more) { return Object.assign(document.createElement(kind), { textContent: text }, more); }
 
+// whose pictures and numbers a page asks for
+const ofTrial = () => `&trial=${encodeURIComponent(info.trial)}`;
 // a camera's picture; `on` is told of presses, clicks and where the mouse is
 function addView(box, name, size, on) {
   const film = make("div", "", { className: "film" }), canvas = document.createElement("canvas");
@@ -57,7 +67,7 @@ function near(v, e, marks, other) {
 function dragged(held, e) { return held && Math.hypot(e.clientX - held.x, e.clientY - held.y) > 3; }
 async function loadPictures(frame) {
   await Promise.all(views.map(async v => {
-    const image = new Image(); image.src = `picture?camera=${v.c}&frame=${frame}`;
+    const image = new Image(); image.src = `picture?camera=${v.c}&frame=${frame}${ofTrial()}`;
     try { await image.decode(); v.image = image; } catch { v.image = null; }
   }));
 }

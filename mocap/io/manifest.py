@@ -289,6 +289,73 @@ def locked(folder: Path, *, patience_s: float = 0.0) -> Iterator[None]:
             os.close(handle)
 
 
+OPEN = ".mocap-open"
+"""File that holds a folder for a program that works in it for hours, while results are still written there."""
+
+
+@contextlib.contextmanager
+def occupied(folder: Path, by: str) -> Iterator[None]:
+    """Hold a folder against other programs of the same kind; that ends with the process, however it ends.
+
+    Args:
+        folder: The folder; one that is not there is made, and goes again where nothing was put there.
+        by: What works in it, as ``a desk``.
+
+    Raises:
+        OutputError: another one works there, or nothing can be written there.
+    """
+    path, made = folder / OPEN, not folder.is_dir()
+    handle = None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        while handle is None:
+            handle = _hold(path, by)
+        yield
+    except OSError as error:
+        if handle is not None:
+            raise
+        raise OutputError(f"{folder}: cannot be written: {error.strerror}: choose another place") from None
+    finally:
+        if handle is not None:
+            with contextlib.suppress(OSError):  # Windows does it when the file is closed
+                path.unlink()
+            os.close(handle)
+            if made:
+                with contextlib.suppress(OSError):
+                    folder.rmdir()
+
+
+def _hold(path: Path, by: str) -> int | None:
+    """A handle of the file that holds a folder; None: the one who had it removed it meanwhile."""
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_TEMPORARY", 0), 0o644)
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.path.exists(path) and os.path.samestat(os.fstat(handle), os.stat(path)):
+            return handle
+    except OSError as error:
+        if error.errno in _NO_LOCKS:
+            return handle
+        os.close(handle)
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
+            raise OutputError(
+                f"{path.parent}: {by} is open there already: go on in its page, or end it, or choose another place"
+            ) from None
+        raise
+    os.close(handle)
+    return None
+
+
+_NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP)
+"""Of network file systems that know no locks."""
+
+
 def _lock(folder: Path, patience_s: float) -> int | None:
     """A handle that holds the lock; None where the file system knows no locks."""
     end = time.monotonic() + patience_s
@@ -309,7 +376,7 @@ def _lock(folder: Path, patience_s: float) -> int | None:
         except OSError as error:
             if handle is not None:
                 os.close(handle)
-            if error.errno in (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP):
+            if error.errno in _NO_LOCKS:
                 return None  # some network file systems lock no folders
             if error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
                 raise

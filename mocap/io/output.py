@@ -155,6 +155,29 @@ def recovered(folder: Path, *, tell: Tell = silent) -> Manifest:
     return manifest
 
 
+def taken_over(path: Path, content: str) -> None:
+    """Take a file of ours for ours again that a person changed since.
+
+    For a table that is written to be corrected: who calls this has read it, and writes what it says.
+
+    Args:
+        path: The file; one that was never ours is left alone.
+        content: SHA-256 of what was read; a file that has changed since is left alone, too.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = path.parent
+    with _answering(path), locked(folder, patience_s=PATIENCE_S):
+        manifest = recovered(folder)
+        owner = manifest.owner(path.name)
+        if owner is None or manifest.results[owner].files[path.name] == content or not is_still(path, content):
+            return
+        files = {**manifest.results[owner].files, path.name: content}
+        results = {**manifest.results, owner: dataclasses.replace(manifest.results[owner], files=files)}
+        write_manifest(folder, dataclasses.replace(manifest, results=results))
+
+
 @contextlib.contextmanager
 def _stage(folder: Path) -> Iterator[Path]:
     """An empty hidden folder, locked while it is in use; gone afterwards, unless the result counts already."""

@@ -25,6 +25,15 @@ class Query(BaseModel):
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
+    @classmethod
+    def look(cls, given: bytes | dict[str, str], limits: Any) -> None:
+        """Refuse, before the schema does, what makes all that a request says mean something else; here nothing does.
+
+        Args:
+            given: The JSON that came, or parameters.
+            limits: What the page was given as ``limits``.
+        """
+
 
 class Elsewhere(MocapError):
     """A request of a page that shows what is no longer so: something else was opened, or changed, in another one."""
@@ -69,6 +78,7 @@ def task(path: str, query: type[Q], work: Callable[[Q], Response], *, changes: b
         # beside the work, as what is checked here is as the work finds it
         check = query.model_validate_json if isinstance(given, bytes) else query.model_validate_strings
         try:
+            query.look(given, limits)
             return work(check(given, context=limits))  # type: ignore[arg-type]
         except SystemExit as stop:  # of a plug-in; it would end the server, and not the program
             return _error_response(None, stop)

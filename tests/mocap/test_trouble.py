@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import importlib
 import os
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from mocap.datasets import make_bat, write_recording
 from mocap.cli.console import visible
 from mocap.cli.main import FAULT, STOPPED, TERMINATED, TROUBLE
 from mocap.errors import MocapError
+from mocap.records import marker_tracks
+from mocap.trouble import ended_by_plugin, trouble_of
 
 FPS = 240.0
 
@@ -79,6 +82,50 @@ def test_every_error_is_one_line_and_a_code(failing, error, code, said):
     assert (found, out) == (code, "")
     assert said in err
     assert len(err.splitlines()) == 1
+
+
+PLUGIN = """
+import sys, numpy
+def raises(): raise ValueError("no header")
+def ends(): sys.exit(3)
+def asks(): numpy.linalg.inv(numpy.zeros((2, 2)))
+def calls(work): work()
+"""
+
+
+def test_what_a_plug_in_does_is_no_error_in_mocap(tmp_path, monkeypatch):
+    """What its code, or a library that it calls, raises is its own, its end of the program too; ours stays ours."""
+    (tmp_path / "otherfmt.py").write_text(PLUGIN)
+    (tmp_path / "otherfmt-1.0.dist-info").mkdir()
+    (tmp_path / "otherfmt-1.0.dist-info" / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: otherfmt\nVersion: 1.0\n"
+    )
+    (tmp_path / "otherfmt-1.0.dist-info" / "entry_points.txt").write_text("[mocap.formats]\nother = otherfmt:raises\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    plugin = importlib.import_module("otherfmt")
+
+    def ours():
+        marker_tracks((), np.zeros(3), "no array")  # type: ignore[arg-type]
+
+    for work in (plugin.raises, plugin.ends, plugin.asks):
+        trouble = _trouble(work)
+        assert not trouble.fault
+        assert "the plug-in 'other' of the package 'otherfmt' did that" in trouble.text
+    assert "otherfmt.py:3" in _trouble(plugin.raises).text
+    for work in (ours, lambda: plugin.calls(ours)):
+        assert _trouble(work).fault
+    assert not _trouble(lambda: np.linalg.inv(np.zeros((2, 2)))).fault
+    with pytest.raises(SystemExit) as end:
+        sys.exit(0)
+    assert not ended_by_plugin(end.value)
+
+
+def _trouble(work):
+    try:
+        work()
+    except BaseException as error:
+        return trouble_of(error)
+    raise AssertionError
 
 
 def test_a_full_disk_that_was_taken_for_a_damaged_file(failing):

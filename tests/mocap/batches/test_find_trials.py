@@ -1,6 +1,7 @@
 """Which trials a folder holds, with which calibration; the manifest of them."""
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 
 from mocap.batches.find import find_trials
-from mocap.batches.trial import read_manifest, write_manifest
+from mocap.batches.trial import is_manifest, read_manifest, write_manifest
 from mocap.errors import FormatError, MocapError
 from mocap.io.csv_table import write_table
 from mocap.io.manifest import MANIFEST
@@ -158,6 +159,35 @@ def test_a_manifest_of_a_spreadsheet(tmp_path):
     assert (one.arguments["fps"], one.animal, two.arguments["fps"], two.skip) == (100.0, "bat7", 500.0, "blurred")
 
 
+TABLE = [
+    ["trial", "path", "fps", "pixel_sd", "correct_lag", "animal", "note"],
+    ["one", "a_xyzpts.csv", "25.56", "0.5", "yes", "bat; 7", "two\nlines"],
+    ["two", "a_xyzpts.csv", "500", "", "no", 'the "old" one', ""],
+]
+
+
+@pytest.mark.parametrize("mark", [b"", "\ufeff".encode()])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("comma", [False, True])
+@pytest.mark.parametrize("quotes", [csv.QUOTE_MINIMAL, csv.QUOTE_ALL])
+@pytest.mark.parametrize("empty", [0, 3])
+def test_a_manifest_as_spreadsheets_save_it(tmp_path, mark, separator, comma, quotes, empty):
+    """Excel and LibreOffice of any country: the same trials, whatever stands between, around and behind the cells."""
+    words = {"yes": "WAHR", "no": "FALSCH"} if comma else {}
+    stream = io.StringIO()
+    writer = csv.writer(stream, delimiter=separator, quoting=quotes, lineterminator="\r\n")
+    for row in TABLE:
+        cells = [cell.replace(".", ",") if comma and cell.replace(".", "").isdigit() else cell for cell in row]
+        writer.writerow([*(words.get(cell, cell) for cell in cells), *[""] * empty])
+    writer.writerow([""] * (len(TABLE[0]) + empty))
+    (tmp_path / "m.csv").write_bytes(mark + stream.getvalue().encode())
+    assert is_manifest(tmp_path / "m.csv")
+    one, two = read_manifest(tmp_path / "m.csv")
+    assert one.arguments == {"fps": 25.56, "pixel_sd": 0.5, "correct_lag": True}
+    assert two.arguments == {"fps": 500.0, "correct_lag": False}
+    assert (one.animal, two.animal) == ("bat; 7", 'the "old" one')
+
+
 def test_a_manifest_in_the_letters_of_windows(tmp_path):
     """Excel saves "CSV" in Windows-1252."""
     (tmp_path / "flügel_xyzpts.csv").write_text(ROWS)
@@ -171,6 +201,10 @@ def test_a_manifest_in_the_letters_of_windows(tmp_path):
     [
         ("trial,path,callibration\na,a.c3d,x\n", None),
         ("trial,path,fps\na,a.c3d,fast\n", "line 2: fps 'fast' is not a number"),
+        ('trial,path,fps\na,a.c3d,"1,000"\n', "line 2: fps '1,000' is not a number"),  # one, or a thousand
+        ("trial;path;fps\na;a.c3d;b.c3d;7\n", "line 2: '7' stands beyond the last column"),
+        ("trial,path,path\na,a.c3d,b.c3d\n", "path (twice)"),
+        ("trial,path\na," + "x" * 200_000 + "\n", "line 2: field larger than"),
         ("trial,path\na,a.c3d\nA,b.c3d\n", "line 3: two trials are called 'A'"),
         ("trial,path\n../a,a.c3d\n", "line 2: the trial '../a'"),
         ("trial,path\na,\n", "line 2: names no file"),

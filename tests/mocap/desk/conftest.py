@@ -31,13 +31,27 @@ def requests_of(driver):
     return [m["params"]["request"]["url"] for m in log if m["method"] == "Network.requestWillBeSent"]
 
 
+class Page(httpx2.Client):
+    """What asks as the page does."""
+
+    def told(self, path, what=None, *, trial="flight", **seen):
+        """The answer to what a page changes that has seen all edits, unless ``edits`` says otherwise."""
+        known = self.get("overview").json()["seen"]
+        return self.post(path, json={**(what or {}), "trial": trial, "edits": known.get(trial, known[""]), **seen})
+
+
 def client(address):
     """What asks as the page does."""
     origin = "http://" + urlsplit(address).netloc
-    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=600)
+    return Page(base_url=address, headers={"Origin": origin}, timeout=600)
 
 
-def until(driver, script):
-    """Wait for a condition of the page."""
+def until(driver, script, seconds=300):
+    """Wait for a condition of the page; what it says last is told where that does not come."""
+    end = time.monotonic() + seconds
     while not driver.execute_script(f"return {script}"):
+        assert time.monotonic() < end, (
+            script,
+            driver.execute_script("return document.getElementById('said').textContent"),
+        )
         time.sleep(0.05)

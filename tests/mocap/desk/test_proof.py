@@ -93,6 +93,42 @@ def test_long_ranges_are_solved_at_their_ends(tmp_path):
     np.testing.assert_allclose(proof.tracks.xyz_m[middle, 1], xyz[middle, 1])
 
 
+@pytest.mark.parametrize("hidden", [slice(50, 60), slice(20, 30)])
+@pytest.mark.parametrize("clicks", [1, 2])
+def test_undo_gives_back_every_bit(tmp_path, hidden, clicks):
+    """Of an end that was extrapolated, which one ray does not settle, and of a gap: NaN, covariances and status, too.
+
+    Also of what was solved between, in the reverse order; a click takes no position away that there was.
+    """
+    proof, seen_px, _ = proof_of(tmp_path, hidden=hidden)
+    status = np.array(proof.tracks.status)
+    status[hidden, 1] = Status.PREDICTED
+    xyz, cov = np.array(proof.tracks.xyz_m), np.array(proof.tracks.cov_m2)
+    cov[hidden, 1] *= np.arange(1, 11)[:, None, None]  # the further off the less certain
+    xyz[3, 0], cov[3, 0], status[3, 0] = np.nan, np.nan, Status.MISSING  # what there is no position of
+    proof.tracks = proof.result.tracks = marker_tracks(("a", "b"), proof.tracks.t_s, xyz, cov_m2=cov, status=status)
+    place = proof.places()[0]
+    assert (place.marker, place.frame) == (1, hidden.stop - 1)
+    states = [proof.tracks]
+    for camera in range(clicks):
+        where = tuple(seen_px[camera, place.frame, 1].tolist())
+        proof.place(camera=camera, frame=place.frame, marker=1, uv_px=where)
+        proof.settle()
+        states.append(proof.tracks)
+    assert np.isfinite(proof.tracks.xyz_m[hidden, 1]).all()
+    assert clicks == 1 or proof.tracks.status[place.frame, 1] == Status.MEASURED
+    proof.delete(marker=0, first=0, last=6)
+    proof.settle()
+    while proof.edits and states:
+        said = proof.undo()
+        proof.settle()
+        before = states.pop()
+        for name in ("xyz_m", "cov_m2", "status"):
+            assert getattr(proof.tracks, name).tobytes() == getattr(before, name).tobytes(), (said, name)
+    assert said == "0 corrections kept"
+    assert proof.recording is proof.raw
+
+
 def test_a_curve_has_the_cycles_in_its_frames(tmp_path):
     """By what they are of, with the frames of their times; values at so many frames as are wanted, gaps as None."""
     proof, _, _ = proof_of(tmp_path)

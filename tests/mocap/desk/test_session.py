@@ -1,7 +1,11 @@
 """Films that are digitised in the desk: real clicks in a real browser, each on the disk at once."""
 
 import asyncio
+import errno
 import json
+import os
+import subprocess
+import sys
 from contextlib import contextmanager
 
 import httpx2
@@ -18,6 +22,7 @@ from mocap.desk.page import desk_page
 from mocap.desk.session import SAVED, open_session
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
+from mocap.io.manifest import occupied
 from mocap.web.server import served
 from mocap.web.tasks import page
 from tests.mocap.desk.conftest import client, requests_of, until
@@ -164,7 +169,7 @@ def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
     with shown(session) as address, client(address) as browser:
 
         def asked(path, **given):
-            return browser.post(path, json=given)
+            return browser.told(path, given, trial="out")
 
         span = {"first": 3, "last": 5}
         early = asked("delete", marker=0, **span)
@@ -217,6 +222,40 @@ def test_clicks_saved_earlier_are_not_replaced_by_others(scene, tmp_path):
     assert len(session_of(scene, folder, start=folder / SAVED).clicks) == 1
 
 
+def test_what_cannot_be_saved_is_not_gone_on_with(scene, tmp_path, monkeypatch):
+    """A click and an undo on a full disk: refused, and the next are saved without the one, with the other."""
+    session = session_of(scene, tmp_path / "out")
+    first, second, third = scene.clicks()[:3]
+    session.click(first, second)
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    for refused in (lambda: session.click(third), session.undo):
+        with monkeypatch.context() as patch:
+            patch.setattr("mocap.desk.session.write_clicks", full)
+            with pytest.raises(MocapError, match="No space left"):
+                refused()
+        assert (session.clicks, session.steps, session.changes) == ([first, second], [2], 1)
+    session.undo()
+    session.click(third)
+    assert len(session_of(scene, tmp_path / "out").clicks) == 1
+
+
+def test_two_programs_on_one_folder(scene, tmp_path):
+    """The second ``mocap digitise --web`` says so and ends; a folder in which nothing was clicked is gone after it."""
+    out = tmp_path / "new" / "out"
+    words = ["digitise", scene.folder / "films", "--calibration", scene.folder / "calibration.toml", "--skeleton"]
+    words += [scene.folder / "skeleton.toml", "--fps", "100", "--web", "--out", out]
+    run = [sys.executable, "-c", "from mocap.cli.main import main; main()", *map(str, words)]
+    with occupied(out, "mocap digitise --web"):
+        second = subprocess.run(run, capture_output=True, text=True, timeout=180, check=False)
+    assert second.returncode == 1
+    (line,) = second.stderr.splitlines()
+    assert "mocap digitise --web is open there already" in line
+    assert not out.exists()
+
+
 GOOD = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
 NOT_CLICKS = [
     *({"camera": x} for x in (-1, 3, 0.9, 1.0, True, "0", None, [0], 10**30)),
@@ -243,7 +282,7 @@ def open_page(scene, tmp_path_factory):
 def test_what_is_no_click_is_not_saved(open_page, wrong):
     """Of no camera, frame or marker, outside of the picture, not finite, of another type: refused, in one line."""
     session, browser = open_page
-    answer = browser.post("place", content=json.dumps({**GOOD, **wrong}))
+    answer = browser.post("place", content=json.dumps({**GOOD, "trial": "out", "edits": 0, **wrong}))
     assert answer.status_code == 400
     assert len(answer.json()["said"].splitlines()) == 1
     assert not session.clicks
@@ -322,11 +361,11 @@ def test_two_hundred_at_once_are_answered(open_page):
             return await asyncio.gather(*(many.get(path) for path in paths))
 
     assert {answer.status_code for answer in asyncio.run(all_of_them())} == {200}
-    assert browser.post("place", json=GOOD).json()["said"] == "1 click"
-    assert browser.post("place", json={**GOOD, "uv_px": [320.5, 240.5]}).json()["said"] == "2 clicks"
-    assert "two cameras" in browser.post("find", json={}).json()["said"]
+    assert browser.told("place", GOOD, trial="out").json()["said"] == "1 click"
+    assert browser.told("place", {**GOOD, "uv_px": [320.5, 240.5]}, trial="out").json()["said"] == "2 clicks"
+    assert "two cameras" in browser.told("find", trial="out").json()["said"]
     for _ in range(2):
-        browser.post("undo", json={})
+        browser.told("undo", trial="out")
     assert not session.clicks
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 
+import numpy as np
 import pytest
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route, WebSocketRoute
@@ -308,6 +309,35 @@ def test_parameters_have_the_same_schema(guarded, query):
     assert answer.status_code == 400
     assert len(answer.json()["said"]) < 400
     assert not made.state.done
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "told"),
+    [
+        (SystemExit(3), 500, "SystemExit"),
+        (np.linalg.LinAlgError("Singular matrix"), 409, "equations without a solution"),
+        (MemoryError("Unable to allocate 31.6 GiB"), 409, "not enough memory"),
+        (
+            OSError(28, "No space left on device", "/a/edits.jsonl"),
+            409,
+            "the disk is full, or your quota is used up (/a/ed",
+        ),
+        (OSError(30, "Read-only file system", "/a/edits.jsonl"), 409, "/a/edits.jsonl: Read-only file system"),
+        (KeyError("x"), 500, "error in mocap"),
+    ],
+)
+def test_an_error_is_told_with_who_is_at_fault(error, status, told):
+    """In one line, and the page answers the next request."""
+
+    def fails(_):
+        raise error
+
+    made = page([task("/fails", Query, fails), task("/works", Query, lambda _: PlainTextResponse("whole"))])
+    with TestClient(Guard(made, host=HOST, token=TOKEN), base_url=f"http://{HOST}") as client:
+        answer = client.get(f"/{TOKEN}/fails")
+        assert (answer.status_code, told in answer.json()["said"]) == (status, True), answer.text
+        assert ("error in mocap" in answer.json()["said"]) == (status == 500)
+        assert client.get(f"/{TOKEN}/works").text == "whole"
 
 
 def test_the_body_is_what_was_sent(guarded):

@@ -13,7 +13,7 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import Key, has_titles, laid_out, read_table
 from mocap.io.dltdv import PIXEL, names_of
 from mocap.io.format import Format, Head, Hints, file_format
-from mocap.io.lines import FRAMES, frame_numbers, rate_of_times, time_unit_s
+from mocap.io.lines import FRAMES, even_times, frame_numbers, time_unit_s
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
 _UNIT = re.compile(rf"(?P<title>.+?)\s*(?:[\[(]\s*(?P<a>{_UNITS})\s*[\])]|(?<=[xyzXYZ])[ _](?P<b>mm|cm|m))", re.DOTALL)
@@ -73,7 +73,7 @@ def _read(path: Path, hints: Hints) -> FileContents:
         steps = np.diff(values[:, header.index(counted)])
         if (steps % 1 != 0).any() and 0 < np.median(steps) < 1:  # a timestamp in seconds
             columns = {"time" if name == "frame" else name: cells for name, cells in columns.items()}
-    return _mapped(path, header, values, columns, unit=None if hints.columns else unit)
+    return _mapped(path, header, values, columns, unit=None if hints.columns else unit, fps=hints.fps)
 
 
 def seconds_of(title: str) -> float | None:
@@ -156,7 +156,13 @@ def _by_kind(header: list[str], kind: re.Pattern[str]) -> dict[str, tuple[str, .
 
 
 def _mapped(
-    path: Path, header: list[str], values: Array, columns: Mapping[str, tuple[str, ...]], *, unit: str | None = None
+    path: Path,
+    header: list[str],
+    values: Array,
+    columns: Mapping[str, tuple[str, ...]],
+    *,
+    unit: str | None = None,
+    fps: float | None = None,
 ) -> FileContents:
     def column(title: str) -> Array:
         if title in header:
@@ -177,12 +183,12 @@ def _mapped(
     frames, times = None, None
     if "frame" in columns:
         frames = frame_numbers(path, column(columns["frame"][0]), first_line=2)
-    fps, findings = None, ["read as a plain table: " + ", ".join(f"{n} = {' '.join(c)}" for n, c in columns.items())]
+    rate, findings = None, ["read as a plain table: " + ", ".join(f"{n} = {' '.join(c)}" for n, c in columns.items())]
     if "time" in columns:
         times = column(columns["time"][0]) * (seconds_of(columns["time"][0]) or 1.0)
         if not np.isfinite(times).all():
             raise FormatError(f"{path.name}: a time is missing in the column {columns['time'][0]!r}")
-        fps, notes = rate_of_times(path, times)
+        times, rate, notes = even_times(path, times, frames=frames, stated=fps)
         findings += notes
     first = 1 if frames is None else int(frames[0])
     if sizes == {2}:
@@ -192,11 +198,11 @@ def _mapped(
             blank = np.full(len(values), np.nan)
             score = np.stack([column(scores[n]) if n in scores else blank for n in markers], axis=1)[None]
         return pixel_recording(
-            path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=fps,
+            path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=rate,
             findings=tuple(findings), assumed=(findings[0],), score=score,
         )  # fmt: skip
     return point_recording(
-        path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=fps, t_s=times,
+        path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=rate, t_s=times,
         findings=tuple(findings), assumed=(findings[0],),
     )  # fmt: skip
 
@@ -250,7 +256,7 @@ def _is_typed(head: Head) -> bool:
 
 
 @file_format("typed-pixels", "a table of pixels, titles of marker, camera and axis (tip cam1 X)", _is_typed)
-def typed_pixels(path: Path, _hints: Hints) -> FileContents:
+def typed_pixels(path: Path, hints: Hints) -> FileContents:
     """Pixels by the marker, the camera and the axis that each title names."""
     header, values = read_table(path)
     where = columns_of(tuple(header))
@@ -262,7 +268,7 @@ def typed_pixels(path: Path, _hints: Hints) -> FileContents:
     frame = next((values[:, c] for c, title in enumerate(plain) if is_frame(title)), None)
     time = next((values[:, c] * s for c, title in enumerate(plain) if (s := seconds_of(title))), None)
     frames = None if frame is None else frame_numbers(path, frame, first_line=2)
-    fps, rate_notes = (None, []) if time is None else rate_of_times(path, time)
+    fps, rate_notes = (None, []) if time is None else even_times(path, time, frames=frames, stated=hints.fps)[1:]
     first = next(iter(where))
     title = header[where[first]]
     note = f"titles were typed: {title!r} is read as marker {first[1]!r}, camera {first[0]}, {'xy'[first[2]]}"

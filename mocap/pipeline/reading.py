@@ -109,7 +109,8 @@ def read(
     for name, value in cameras_of.items():
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
-    contents, findings = complete(_whole(files, rig, hints or Hints()), where=files[0].name, fps=fps, unit=unit)
+    hints = replace(hints or Hints(), fps=fps)
+    contents, findings = complete(_whole(files, rig, hints), where=files[0].name, fps=fps, unit=unit)
     animal_skeleton, names = animal(skeleton, contents.names, bodies=contents.bodies)
     contents, cameras, notes = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
     contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
@@ -186,6 +187,7 @@ def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None
     Raises:
         FormatError: a file cannot be read, or offsets do not belong to the videos.
     """
+    hints = replace(hints, fps=fps)
     contents, _ = complete(_whole(files, None, hints), where=files[0].name, fps=fps or 1.0, unit=None)
     contents, cameras, findings = _with_cameras(contents, files[0], None, None, None)
     contents, further = _in_whole_picture(contents, cameras, files, (), crops, None)

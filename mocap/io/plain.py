@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,8 +60,12 @@ def _read(path: Path, hints: Hints) -> FileContents:
     header = header or [str(c + 1) for c in range(values.shape[1])]
     plain, unit = _without_unit(header)
     columns = dict(hints.columns)
+    rest: list[str] = []
     if not columns and (columns := _by_titles(plain) or _counted(plain, values)):
         header = plain
+    elif not columns:
+        columns, rest = _among_others(plain)
+        header = plain if columns else header
     if not columns:
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
         raise FormatError(
@@ -73,7 +78,12 @@ def _read(path: Path, hints: Hints) -> FileContents:
         steps = np.diff(values[:, header.index(counted)])
         if (steps % 1 != 0).any() and 0 < np.median(steps) < 1:  # a timestamp in seconds
             columns = {"time" if name == "frame" else name: cells for name, cells in columns.items()}
-    return _mapped(path, header, values, columns, unit=None if hints.columns else unit, fps=hints.fps)
+    found = _mapped(path, header, values, columns, unit=None if hints.columns else unit, fps=hints.fps)
+    if not rest:
+        return found
+    note = f"{len(rest)} columns are of no marker and were left out: {', '.join(rest[:8])}"
+    note += ", ..." if len(rest) > 8 else ""
+    return replace(found, findings=(note, *found.findings), assumed=(note, *found.assumed))
 
 
 def seconds_of(title: str) -> float | None:
@@ -123,6 +133,41 @@ def _counted(header: list[str], values: Array) -> dict[str, tuple[str, ...]]:
 def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
     """The map that the titles suggest; empty where one fits no marker, frame or time."""
     return next((found for kind in _TITLES if (found := _by_kind(header, kind))), {})
+
+
+_NO_MARKER = re.compile(
+    r"[fmtva]|f\d+|(.*[ _.-])?(g?rf|cop|force|moment|torque|emg|vel(ocity)?|acc(eleration)?|gyr(o|oscope)?"
+    r"|mag(netometer)?|ang(le)?|rot(ation)?|quat(ernion)?|euler|speed|power|omega)\d*([ _.-].*)?",
+    re.IGNORECASE,
+)
+"""Names of forces, moments, speeds and angles, which have x, y and z, too, but are no places."""
+
+
+def _among_others(header: list[str]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """The map of markers with x, y and z among columns of other things, and these; of a table mostly of markers."""
+    for kind in _TITLES:
+        found: dict[str, dict[str, str]] = {}
+        special: dict[str, tuple[str, ...]] = {}
+        for title in header:
+            match = kind.fullmatch(title)
+            named = match.groupdict() if match else {}
+            if title and (seconds_of(title) or is_frame(title)):
+                special.setdefault("time" if seconds_of(title) else "frame", (title,))
+            elif (name := named.get("name")) and header.count(title) == 1:
+                found.setdefault(name, {}).setdefault(named["axis"].lower(), title)
+        forces = {name[1:] for name in found if re.fullmatch(r"f\d+", name, re.IGNORECASE)}  # of plate 1: F1, M1
+        markers = {
+            name: tuple(axes[a] for a in "xyz")
+            for name, axes in found.items()
+            if set(axes) == set("xyz")
+            and not _NO_MARKER.fullmatch(name)
+            and not (name[0] in "mMtT" and name[1:] in forces)
+        }
+        used = {title for cells in (*special.values(), *markers.values()) for title in cells}
+        rest = [title for title in header if title not in used]
+        if 3 * len(markers) > len(rest) > 0:
+            return special | markers, rest
+    return {}, []
 
 
 def _by_kind(header: list[str], kind: re.Pattern[str]) -> dict[str, tuple[str, ...]]:
@@ -197,10 +242,11 @@ def _mapped(
         if scores:
             blank = np.full(len(values), np.nan)
             score = np.stack([column(scores[n]) if n in scores else blank for n in markers], axis=1)[None]
-        return pixel_recording(
+        found = pixel_recording(
             path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=rate,
             findings=tuple(findings), assumed=(findings[0],), score=score,
         )  # fmt: skip
+        return found if unit is None else found.with_unit(unit)
     return point_recording(
         path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=rate, t_s=times,
         findings=tuple(findings), assumed=(findings[0],),

@@ -65,7 +65,7 @@ def test_the_rate_that_is_stated_beats_a_column_of_times(tmp_path):
 
 
 def test_a_line_that_stands_twice_is_no_rounding(tmp_path):
-    """100 frames a second with two decimals: a time that repeats is a line too many, also by the header; so is a fall."""
+    """100 a second with two decimals: a time that repeats is a line too many, also by the header; so is a fall."""
     times = [f"{k / 100:.2f}" for k in range(100)]
     for wrong in ([*times[:50], *times[49:]], [*times[:50], times[51], times[50], *times[52:]]):
         write_trc(tmp_path / "x.trc", wrong, 100)

@@ -223,7 +223,7 @@ def _instances(path: Path, _hints: Hints) -> FileContents:
     columns = [f"{node}.{part}" for node in nodes for part in ("x", "y", "score")]
     numbers = table.reindex(columns=["frame_idx", *columns]).apply(pd.to_numeric, errors="coerce")
     there = table.reindex(columns=numbers.columns)
-    wrong = np.argwhere((numbers.isna() & there.notna()).to_numpy())
+    wrong = np.argwhere(np.asarray(numbers.isna() & there.notna()))
     if len(wrong):
         row, column = wrong[0]
         cell = there.iloc[row, column]

@@ -1,4 +1,4 @@
-"""A known header over a column of row numbers, markers among other things, planes in centimetres, JSON that is whole."""
+"""Known headers over row numbers, markers among other things, planes in centimetres, JSON that is whole."""
 
 import json
 
@@ -59,7 +59,7 @@ def test_markers_among_other_columns_are_read_and_the_rest_is_named(tmp_path):
 
 @pytest.mark.parametrize("stated", ["title", "option", "nothing"])
 def test_two_columns_in_centimetres_are_a_plane(tmp_path, stated):
-    """A unit in the titles, or that is stated, makes 2D coordinates lengths: exactly, with z = 0; else they are pixels."""
+    """A unit in the titles, or that is stated, makes 2D coordinates lengths, exactly; else they are pixels."""
     t = np.arange(60) / 100
     values = np.stack([t, 10 + np.sin(t), 5 + t, 14 + np.sin(t), 6 + t], axis=-1).round(4)
     unit = " (cm)" if stated == "title" else ""

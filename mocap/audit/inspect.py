@@ -38,6 +38,7 @@ def inspect(
     """
     found, recordings = [], []
     corners = origin or PixelOptions()
+    hints = replace(hints, fps=fps)
     for path in files:
         name = None
         try:

@@ -31,7 +31,7 @@ CALIBRATIONS = (
     "optitrack-calibration",
 )
 """Formats that hold all cameras of a rig; of several of one rig the first is taken."""
-VIEWS = ("deeplabcut-csv", "deeplabcut-h5", "sleap-analysis")
+VIEWS = ("deeplabcut-csv", "deeplabcut-h5", "sleap-analysis", "sleap-csv")
 PIXELS = ("dltdv-xypts", "argus-xypts", "typed-pixels", "xmalab-2d")
 TRACKS = (
     *PIXELS,

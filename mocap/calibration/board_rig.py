@@ -31,7 +31,7 @@ class BoardCalibration:
         camera_px: Root mean square and median error by camera.
         image_px: Root mean square error by camera and instant.
         no_ray: Share of each image that no ray reaches.
-        left_out: Images that agree with no other (camera, instant), which the rig was not fitted to.
+        left_out: Why images were not used, by camera and instant: they agree with no other, or miss by far.
         T_world_from_board: By instant, (4, 4) places of the board.
     """
 
@@ -43,7 +43,7 @@ class BoardCalibration:
     camera_px: Mapping[str, tuple[float, float]]
     image_px: Mapping[str, Mapping[str, float]]
     no_ray: Mapping[str, float]
-    left_out: tuple[tuple[str, str], ...]
+    left_out: Mapping[tuple[str, str], str]
     T_world_from_board: Mapping[str, Array]
 
 
@@ -78,10 +78,12 @@ def calibrate_boards(
         found = fit_intrinsics(list(views[name].corners.values()), views[name].size_px, name=name, choices=choices)
         intrinsics.append(found)
         progress(f"{name}: {found.choice} lens, f {found.lens.f_px[0]:.1f} px, {found.rms_px:.3f} px on its own images")
-    seen = {}
+    seen, outlying = {}, dict[tuple[str, str], str]()
     for i, name in enumerate(names):
-        for stem, corners in views[name].corners.items():
-            if (at := place(corners, intrinsics[i].lens)) is not None:
+        for k, (stem, corners) in enumerate(views[name].corners.items()):
+            if k in intrinsics[i].left_out:
+                outlying[name, stem] = intrinsics[i].left_out[k]
+            elif (at := place(corners, intrinsics[i].lens)) is not None:
                 seen[i, stem] = rigid(*at)
     turn = None
     if board.turnable:  # by 180 degrees about the middle of its corners
@@ -105,7 +107,8 @@ def calibrate_boards(
         free = Free(focal="none", centre=False, orientation=True)
     adjusted = adjust(scene, sightings, free=free)
     progress(f"all cameras together: median error {np.median(np.hypot(*adjusted.error_px.T)):.3f} px")
-    return _result(adjusted, sightings, pictures, views, tuple(intrinsics), stems, world_frame, left_out)
+    why = outlying | {(names[i], stem): "it agrees with no other view of the board" for i, stem in left_out}
+    return _result(adjusted, sightings, pictures, views, tuple(intrinsics), stems, world_frame, why)
 
 
 def _fixed_lens(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
@@ -192,7 +195,7 @@ def _result(
     intrinsics: tuple[Intrinsics, ...],
     stems: Sequence[str],
     world_frame: str,
-    left_out: Sequence[tuple[int, str]],
+    left_out: Mapping[tuple[str, str], str],
 ) -> BoardCalibration:
     names = list(views)
     squares = np.sum(adjusted.error_px**2, axis=-1)
@@ -216,7 +219,7 @@ def _result(
         camera_px=camera_px,
         image_px={n: {s: float(np.sqrt(np.mean(v))) for s, v in per.items()} for n, per in image.items()},
         no_ray={c.name: without_ray(c.lens, views[c.name].size_px) for c in adjusted.scene.cameras},
-        left_out=tuple((names[i], s) for i, s in left_out),
+        left_out=left_out,
         T_world_from_board={
             s: T_world @ rigid(r, p)
             for s, r, p in zip(stems, adjusted.scene.rotation, adjusted.scene.position_m, strict=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, frozen
+from mocap.calibration.corners import refined
 from mocap.errors import CalibrationError
 
 
@@ -78,12 +79,7 @@ class Checkerboard:
             found, uv = cv2.findChessboardCornersSB(picture, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
         if not found:
             return None
-        grid = np.reshape(np.asarray(uv, dtype=float), (self.rows, self.columns, 2))
-        spacing = min(np.linalg.norm(np.diff(grid, axis=a), axis=-1).min() for a in (0, 1))
-        near = int(np.clip(0.45 * spacing, 2, 15))
-        stop = (cv2.TERM_CRITERIA_MAX_ITER | cv2.TERM_CRITERIA_EPS, 50, 1e-3)
-        uv = cv2.cornerSubPix(picture, np.asarray(uv, np.float32), (near, near), (-1, -1), stop)
-        grid = np.reshape(np.asarray(uv, dtype=float), (self.rows, self.columns, 2))
+        grid = refined(picture, np.reshape(np.asarray(uv, dtype=float), (self.rows, self.columns, 2)))
         if not self.turnable and self._starts_light(picture, grid):
             grid = grid[::-1, ::-1]
         return Corners(ids=np.arange(self.columns * self.rows), local_m=self.points(), uv_px=grid.reshape(-1, 2))

@@ -10,7 +10,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Board, detect, pictures_of
-from mocap.calibration.calibration_files import CalibrationReport, number, table
+from mocap.calibration.calibration_files import CalibrationReport, number, of_pictures, table
 from mocap.calibration.dlt import CHECKED_FROM, fit_dlt
 from mocap.calibration.intrinsics import CHOICES
 from mocap.calibration.refine import Bone, refine_cameras
@@ -81,13 +81,15 @@ def from_pictures(
         "out of it; metres. Pixels are counted from the upper left, the centre of the first pixel at (0, 0).",
         "",
         "Largest residuals: " + ", ".join(f"{plain(n)} {plain(s)} {v:.2f} px" for v, n, s in worst) + ".",
+        "",
+        *of_pictures(found.image_px),
     ]
     warned = [
         f"{n}: {share * 100:.1f} % of the image lies outside the range of the lens model"
         for n, share in found.no_ray.items()
         if share
     ]
-    warned += [f"{n} {s} agrees with no other view of the board and was left out" for n, s in found.left_out]
+    warned += [f"{n} {s} was left out: {why}" for (n, s), why in found.left_out.items()]
     lines += [f"- {plain(w)}" for w in warned]
     numbers = {
         "method": "boards",
@@ -106,6 +108,7 @@ def from_pictures(
                 "median_px": found.camera_px[c.name][1],
                 "held_out_px": {k: number(v) for k, v in i.held_out_px.items()},
                 "image_rms_px": found.image_px[c.name],
+                "left_out": {s: why for (n, s), why in found.left_out.items() if n == c.name},
                 "missed": views[c.name].missed,
             }
             for c, i, sd in pairs

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.calibration.boards import KINDS, Board, BoardViews, Corners, Pictures, detect, of_files, pictures_of
-from mocap.calibration.calibration_files import CalibrationReport, number, table
+from mocap.calibration.calibration_files import CalibrationReport, number, of_pictures, table
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, without_ray
 from mocap.cameras.camera import KnownLens
 from mocap.errors import CalibrationError
@@ -138,13 +138,15 @@ def _report(
     lenses: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict[str, BoardViews]
 ) -> CalibrationReport:
     rows, warned = [], []
+    images = {name: dict(zip(views[name].corners, fit.image_px, strict=True)) for name, fit in fits.items()}
+    left_out = {n: {list(views[n].corners)[i]: why for i, why in fit.left_out.items()} for n, fit in fits.items()}
     for k in lenses:
         found, seen = fits[k.name], views[k.name]
         sd = k.sd
         rows.append(
             [
                 k.name,
-                len(seen.corners),
+                len(seen.corners) - len(found.left_out),
                 found.choice,
                 f"{k.lens.f_px[0]:.1f} ± {sd[0]:.1f}",
                 f"{k.lens.centre_px[0]:.1f} ± {sd[2]:.1f}, {k.lens.centre_px[1]:.1f} ± {sd[3]:.1f}",
@@ -153,6 +155,7 @@ def _report(
                 f"{found.held_out_px[found.choice]:.3f}" if found.held_out_px else "-",
             ]
         )
+        warned += [f"{k.name} {label} was left out: {why}" for label, why in left_out[k.name].items()]
         if share := without_ray(k.lens, seen.size_px):
             warned.append(f"{k.name}: {share * 100:.1f} % of the image lies outside the range of the lens model")
         corners = np.concatenate([c.uv_px for c in seen.corners.values()])
@@ -174,13 +177,15 @@ def _report(
                 "principal point px",
                 "k1",
                 "RMS px",
-                "of images left out",
+                "held-out px",
             ],
             rows,
         ),
         "± is one standard deviation; corners of one image are taken to err together. Boards that did not move "
         "between images count once. Pixels are counted from the upper left, the centre of the first pixel at (0, 0). "
         "Where the cameras stand is not in these images: mocap calibrate places.",
+        "",
+        *of_pictures(images),
         *(f"- {plain(w)}" for w in warned),
     ]
     numbers = {
@@ -194,7 +199,9 @@ def _report(
                 "distortion": k.lens.coefficients,
                 "sd": k.sd,
                 "rms_px": fits[k.name].rms_px,
-                "pictures": len(views[k.name].corners),
+                "pictures": len(views[k.name].corners) - len(fits[k.name].left_out),
+                "image_rms_px": {label: number(px) for label, px in images[k.name].items()},
+                "left_out": left_out[k.name],
                 "missed": views[k.name].missed,
                 "held_out_px": {c: number(v) for c, v in fits[k.name].held_out_px.items()},
             }

@@ -95,3 +95,12 @@ def _plain(value: object) -> object:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} is no JSON")
+
+
+def of_pictures(image_px: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """A paragraph for each camera: the root mean square error of each of its images."""
+    return [
+        line
+        for name, own in image_px.items()
+        for line in (f"Images of {plain(name)}, px: " + ", ".join(f"{plain(s)} {v:.2f}" for s, v in own.items()), "")
+    ]

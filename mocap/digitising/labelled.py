@@ -387,7 +387,7 @@ def label(
         FormatError: the file holds no positions, or cannot be read.
         MocapError: the animal is not recognised in any frame, or the model has too few poses.
     """
-    contents, _ = in_metres(read(Path(tracks), hints or Hints()), unit)
+    contents, _ = in_metres(read(Path(tracks), replace(hints or Hints(), fps=fps)), unit)
     contents = contents if fps is None else contents.with_rate(fps)
     if contents.points is None:
         raise FormatError(f"{Path(tracks).name}: contains no positions ({contents.format}): give trajectories in space")

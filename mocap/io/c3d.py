@@ -285,7 +285,8 @@ def read_c3d(path: Path) -> FileContents:
     model = {label for group in _NOT_POSITIONS for label in head.words(f"POINT:{group}")}
     keep = np.array([name not in model for name in labels])
     if not keep.all():
-        findings.append(f"{(~keep).sum()} modelled quantities (angles, forces, ...) were left out")
+        only = "" if keep.any() else ", and it contains nothing else: no markers"
+        findings.append(f"{(~keep).sum()} modelled quantities (angles, forces, ...) were left out{only}")
     names, renamed = told_apart([name for name, kept in zip(labels, keep, strict=True) if kept])
     findings += renamed
     unit_text = (head.words("POINT:UNITS") or [""])[0].strip().lower()

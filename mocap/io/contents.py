@@ -95,6 +95,19 @@ class FileContents:
         return ~np.isnan(tables[0].reshape(*shape, -1)).any(axis=-1)  # type: ignore[return-value]
 
     @property
+    def _may_be_plane(self) -> bool:
+        """Whether pixels may be lengths in a plane: of a plain table, or of a program that scales its image."""
+        flat = self.points is None and not self.cameras and len(self.camera_names) == 1
+        return flat and self.format in ("csv", "kinovea")
+
+    @property
+    def plane_mm(self) -> float | None:
+        """Millimetres in the unit of 2D coordinates that are lengths in a plane; None: they are pixels."""
+        if self.unit is None or self.pixels is None or not self._may_be_plane:
+            return None
+        return 1e3 * metres(self.paths[0], self.unit)
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """What is unusual, and what the files do not state."""
         unsaid = ("the frame rate of the cameras is not stated",) if self.fps is None and len(self.frames) else ()
@@ -144,6 +157,10 @@ class FileContents:
         Raises:
             FormatError: the unit is not known, or the file states another.
         """
+        if self.unit is None and self.pixels is not None and self._may_be_plane:
+            note = f"two columns a point, in {unit} as stated: lengths in a plane, and not pixels"
+            metres(self.paths[0], unit)
+            return replace(self, unit=unit, findings=(note, *self.findings), assumed=(note, *self.assumed))
         if self.unit is not None:
             if metres(self.paths[0], unit) != metres(self.paths[0], self.unit):
                 raise FormatError(
@@ -320,6 +337,8 @@ def summary(recording: FileContents) -> dict[str, Any]:
     in_frames, of_markers = np.any(tracks, axis=(0, 2)), np.any(tracks, axis=(0, 1))
     lost = [name for name, any_seen in zip(recording.names, of_markers, strict=True) if sampled and not any_seen]
     px = recording.pixels is not None or (recording.lenses and not recording.cameras)
+    px = px and recording.plane_mm is None
+    px = px and recording.plane_mm is None
     there = {
         "pixels": recording.pixels is not None,
         "points": recording.points is not None,

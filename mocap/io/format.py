@@ -113,6 +113,7 @@ class Hints:
         format: Name of the format; None: found by content.
         sheet: Of a workbook (.xlsx) with several sheets, the one to read: its name, or its number from 1.
         zero: What samples at exactly (0, 0, 0) are; None: judged by evidence (``mocap.io.plausible``).
+        fps: Frames a second; times of the file that are too coarse for it are not used.
     """
 
     cameras: int | None = None
@@ -120,6 +121,7 @@ class Hints:
     format: str | None = None
     sheet: str | None = None
     zero: Zero | None = None
+    fps: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

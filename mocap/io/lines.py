@@ -294,13 +294,111 @@ def _rounded_rate(t_s: Array) -> float:
     Files round times: 0.001429, 0.002857, ... are of 700 frames a second, not of 699.999999.
     """
     fps = (len(t_s) - 1) / (t_s[-1] - t_s[0])
-    decimals = next((d for d in range(12) if np.allclose(t_s, np.round(t_s, d), rtol=0, atol=1e-13)), 12)
+    decimals = _decimals(t_s)
     for digits in range(9):
         simple = round(fps, digits)
         off = np.abs(t_s - t_s[0] - np.arange(len(t_s)) / (simple or np.inf))
         if simple and off.max() <= 10.0**-decimals:
             return simple
     return fps
+
+
+def _decimals(t_s: Array) -> int:
+    return next((d for d in range(12) if np.allclose(t_s, np.round(t_s, d), rtol=0, atol=1e-13)), 12)
+
+
+_LIKE_LINES = 0.05
+"""Steps of the last digit are never rounded unevenly; a line that is lost or stands twice among twenty or more makes
+them seem to differ from it by less than this share."""
+_SURE = 1e-3
+"""Relative width of rates that rounded times allow, below which the simplest of them is taken. Chosen: a rate that is
+wrong by more than that moves the end of a recording of a thousand frames by a frame."""
+
+
+def even_times(
+    path: Path,
+    t_s: Array,
+    *,
+    frames: NDArray[np.number] | None = None,
+    header: float | None = None,
+    stated: float | None = None,
+) -> tuple[Array, float | None, list[str]]:
+    """Times of frames, frames a second, and findings, of a column of times that the file may have rounded.
+
+    Times with too few digits fall on each other, or seem uneven, although the frames were even (2,000 frames a second
+    with three decimals). Where rounding explains them the rate is the one that is stated, else what they tell of it;
+    where they leave it open there is none, and times count frames. Other times stay as they are.
+
+    Args:
+        path: The file, for messages.
+        t_s: (T,) times in seconds.
+        frames: (T,) increasing frame numbers; None: every row is the frame after the one before.
+        header: Frames a second by the head of the file.
+        stated: Frames a second by the user.
+
+    Raises:
+        FormatError: times do not increase, and no rounding explains it, or nobody states the rate.
+    """
+    count = np.arange(len(t_s), dtype=np.float64) if frames is None else frames - frames[0]
+    steps = np.diff(t_s)
+    uneven = len(steps) > 0 and not (steps.min() > 0 and np.ptp(steps) <= 0.5 * np.median(steps))
+    if not uneven:
+        return t_s, *rate_of_times(path, t_s)
+    digit = 10.0 ** -_decimals(t_s)
+    for rate in (stated, header):
+        if rate and _rounds(t_s, count, 1 / rate, digit):
+            note = f"times are rounded to {digit:g} s: frames are even, {rate:g} a second as stated"
+            return t_s[0] + count / rate, rate, [note]
+    if stated is not None and not (steps > 0).all():
+        return count / stated, stated, ["times do not increase, and were not used: `fps` is stated"]
+    closest = _closest(t_s, count, digit)
+    if closest is None:
+        return t_s, *rate_of_times(path, t_s)
+    least, most = 1 / closest[1], 1 / closest[0]
+    if most - least > _SURE * least:
+        if (steps > 0).all():  # they may be uneven, too
+            return t_s, *rate_of_times(path, t_s)
+        note = f"times are rounded to {digit:g} s, which leaves the rate open: {least:.4g} to {most:.4g} frames"
+        return count, None, [f"{note} a second; state `fps`"]
+    rate = next(r for d in range(12) if least <= (r := round((least + most) / 2, d)) <= most)
+    return (
+        t_s[0] + count / rate,
+        rate,
+        [f"times are rounded to {digit:g} s: frames are even, {rate:g} a second ({least:.6g} to {most:.6g} fit)"],
+    )
+
+
+def _rounds(t_s: Array, count: Array, step_s: float, digit: float) -> bool:
+    """Whether times are multiples of a step from some first time on, but for rounding to a ``digit``."""
+    steps, exact = np.diff(t_s) / digit, np.diff(count) * step_s / digit
+    near = (steps > np.floor(exact) - 0.01) & (steps < np.ceil(exact) + 0.01)  # whole numbers both, to their last bits
+    return bool(near.all()) and _off(t_s, count, step_s) <= digit * (1 + 1e-6)
+
+
+def _off(t_s: Array, count: Array, step_s: float) -> float:
+    """By how much times differ, at most, from multiples of a step from some first time on."""
+    return float(np.ptp(t_s - count * step_s))
+
+
+def _closest(t_s: Array, count: Array, digit: float) -> tuple[float, float] | None:
+    """The least and the largest step whose multiples times with a last ``digit`` can be; None: no step fits."""
+    span, total = t_s[-1] - t_s[0], count[-1]
+    low, high = (span - digit) / total, (span + digit) / total
+    a, b = low, high
+    for _ in range(80):  # what they differ by is a convex function of the step
+        c, d = a + (b - a) / 3, b - (b - a) / 3
+        a, b = (a, d) if _off(t_s, count, c) < _off(t_s, count, d) else (c, b)
+    best = (a + b) / 2
+    if not _rounds(t_s, count, best, digit) or best > 2 * digit or abs(best - digit) < _LIKE_LINES * digit:
+        return None
+    ends = []
+    for end in (low, high):
+        inside, outside = best, end
+        for _ in range(60):
+            middle = (inside + outside) / 2
+            inside, outside = (middle, outside) if _off(t_s, count, middle) <= digit * (1 + 1e-6) else (inside, middle)
+        ends.append(inside)
+    return ends[0], ends[1]
 
 
 def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
@@ -314,7 +412,10 @@ def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
     steps = np.diff(t_s)
     if not (steps > 0).all():
         row = int(np.argmax(~(steps > 0)))
-        raise FormatError(f"{path.name}: times do not increase: {t_s[row + 1]:g} s follows {t_s[row]:g} s")
+        raise FormatError(
+            f"{path.name}: times do not increase: {t_s[row + 1]:g} s follows {t_s[row]:g} s (row {row + 2} of the "
+            "tracks): correct it, or state the rate as `fps`, and times are not used"
+        )
     uneven = np.ptp(steps) > 0.5 * np.median(steps)
     fps = 1 / np.median(steps) if uneven else _rounded_rate(t_s)
     notes = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []

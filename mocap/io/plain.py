@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import Key, has_titles, laid_out, read_table
 from mocap.io.dltdv import PIXEL, names_of
 from mocap.io.format import Format, Head, Hints, file_format
-from mocap.io.lines import FRAMES, frame_numbers, rate_of_times, time_unit_s
+from mocap.io.lines import FRAMES, even_times, frame_numbers, time_unit_s
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
 _UNIT = re.compile(rf"(?P<title>.+?)\s*(?:[\[(]\s*(?P<a>{_UNITS})\s*[\])]|(?<=[xyzXYZ])[ _](?P<b>mm|cm|m))", re.DOTALL)
@@ -59,8 +60,12 @@ def _read(path: Path, hints: Hints) -> FileContents:
     header = header or [str(c + 1) for c in range(values.shape[1])]
     plain, unit = _without_unit(header)
     columns = dict(hints.columns)
+    rest: list[str] = []
     if not columns and (columns := _by_titles(plain) or _counted(plain, values)):
         header = plain
+    elif not columns:
+        columns, rest = _among_others(plain)
+        header = plain if columns else header
     if not columns:
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
         raise FormatError(
@@ -73,7 +78,12 @@ def _read(path: Path, hints: Hints) -> FileContents:
         steps = np.diff(values[:, header.index(counted)])
         if (steps % 1 != 0).any() and 0 < np.median(steps) < 1:  # a timestamp in seconds
             columns = {"time" if name == "frame" else name: cells for name, cells in columns.items()}
-    return _mapped(path, header, values, columns, unit=None if hints.columns else unit)
+    found = _mapped(path, header, values, columns, unit=None if hints.columns else unit, fps=hints.fps)
+    if not rest:
+        return found
+    note = f"{len(rest)} columns are of no marker and were left out: {', '.join(rest[:8])}"
+    note += ", ..." if len(rest) > 8 else ""
+    return replace(found, findings=(note, *found.findings), assumed=(note, *found.assumed))
 
 
 def seconds_of(title: str) -> float | None:
@@ -125,6 +135,41 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
     return next((found for kind in _TITLES if (found := _by_kind(header, kind))), {})
 
 
+_NO_MARKER = re.compile(
+    r"[fmtva]|f\d+|(.*[ _.-])?(g?rf|cop|force|moment|torque|emg|vel(ocity)?|acc(eleration)?|gyr(o|oscope)?"
+    r"|mag(netometer)?|ang(le)?|rot(ation)?|quat(ernion)?|euler|speed|power|omega)\d*([ _.-].*)?",
+    re.IGNORECASE,
+)
+"""Names of forces, moments, speeds and angles, which have x, y and z, too, but are no places."""
+
+
+def _among_others(header: list[str]) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """The map of markers with x, y and z among columns of other things, and these; of a table mostly of markers."""
+    for kind in _TITLES:
+        found: dict[str, dict[str, str]] = {}
+        special: dict[str, tuple[str, ...]] = {}
+        for title in header:
+            match = kind.fullmatch(title)
+            named = match.groupdict() if match else {}
+            if title and (seconds_of(title) or is_frame(title)):
+                special.setdefault("time" if seconds_of(title) else "frame", (title,))
+            elif (name := named.get("name")) and header.count(title) == 1:
+                found.setdefault(name, {}).setdefault(named["axis"].lower(), title)
+        forces = {name[1:] for name in found if re.fullmatch(r"f\d+", name, re.IGNORECASE)}  # of plate 1: F1, M1
+        markers = {
+            name: tuple(axes[a] for a in "xyz")
+            for name, axes in found.items()
+            if set(axes) == set("xyz")
+            and not _NO_MARKER.fullmatch(name)
+            and not (name[0] in "mMtT" and name[1:] in forces)
+        }
+        used = {title for cells in (*special.values(), *markers.values()) for title in cells}
+        rest = [title for title in header if title not in used]
+        if 3 * len(markers) > len(rest) > 0:
+            return special | markers, rest
+    return {}, []
+
+
 def _by_kind(header: list[str], kind: re.Pattern[str]) -> dict[str, tuple[str, ...]]:
     found: dict[str, dict[str, str]] = {}
     special: dict[str, tuple[str, ...]] = {}
@@ -156,7 +201,13 @@ def _by_kind(header: list[str], kind: re.Pattern[str]) -> dict[str, tuple[str, .
 
 
 def _mapped(
-    path: Path, header: list[str], values: Array, columns: Mapping[str, tuple[str, ...]], *, unit: str | None = None
+    path: Path,
+    header: list[str],
+    values: Array,
+    columns: Mapping[str, tuple[str, ...]],
+    *,
+    unit: str | None = None,
+    fps: float | None = None,
 ) -> FileContents:
     def column(title: str) -> Array:
         if title in header:
@@ -177,12 +228,12 @@ def _mapped(
     frames, times = None, None
     if "frame" in columns:
         frames = frame_numbers(path, column(columns["frame"][0]), first_line=2)
-    fps, findings = None, ["read as a plain table: " + ", ".join(f"{n} = {' '.join(c)}" for n, c in columns.items())]
+    rate, findings = None, ["read as a plain table: " + ", ".join(f"{n} = {' '.join(c)}" for n, c in columns.items())]
     if "time" in columns:
         times = column(columns["time"][0]) * (seconds_of(columns["time"][0]) or 1.0)
         if not np.isfinite(times).all():
             raise FormatError(f"{path.name}: a time is missing in the column {columns['time'][0]!r}")
-        fps, notes = rate_of_times(path, times)
+        times, rate, notes = even_times(path, times, frames=frames, stated=fps)
         findings += notes
     first = 1 if frames is None else int(frames[0])
     if sizes == {2}:
@@ -191,12 +242,13 @@ def _mapped(
         if scores:
             blank = np.full(len(values), np.nan)
             score = np.stack([column(scores[n]) if n in scores else blank for n in markers], axis=1)[None]
-        return pixel_recording(
-            path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=fps,
+        found = pixel_recording(
+            path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=rate,
             findings=tuple(findings), assumed=(findings[0],), score=score,
         )  # fmt: skip
+        return found if unit is None else found.with_unit(unit)
     return point_recording(
-        path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=fps, t_s=times,
+        path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=rate, t_s=times,
         findings=tuple(findings), assumed=(findings[0],),
     )  # fmt: skip
 
@@ -250,7 +302,7 @@ def _is_typed(head: Head) -> bool:
 
 
 @file_format("typed-pixels", "a table of pixels, titles of marker, camera and axis (tip cam1 X)", _is_typed)
-def typed_pixels(path: Path, _hints: Hints) -> FileContents:
+def typed_pixels(path: Path, hints: Hints) -> FileContents:
     """Pixels by the marker, the camera and the axis that each title names."""
     header, values = read_table(path)
     where = columns_of(tuple(header))
@@ -262,7 +314,7 @@ def typed_pixels(path: Path, _hints: Hints) -> FileContents:
     frame = next((values[:, c] for c, title in enumerate(plain) if is_frame(title)), None)
     time = next((values[:, c] * s for c, title in enumerate(plain) if (s := seconds_of(title))), None)
     frames = None if frame is None else frame_numbers(path, frame, first_line=2)
-    fps, rate_notes = (None, []) if time is None else rate_of_times(path, time)
+    fps, rate_notes = (None, []) if time is None else even_times(path, time, frames=frames, stated=hints.fps)[1:]
     first = next(iter(where))
     title = header[where[first]]
     note = f"titles were typed: {title!r} is read as marker {first[1]!r}, camera {first[0]}, {'xy'[first[2]]}"

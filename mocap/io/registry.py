@@ -55,6 +55,7 @@ _SIGNS: dict[str, str] = {
     "deeplabcut-csv": "csv scorer bodyparts coords likelihood table",
     "deeplabcut-h5": "hdf5 df_with_missing",
     "sleap-analysis": "hdf5 tracks node_names track_names track_occupancy",
+    "sleap-csv": "csv track frame_idx instance score x y table",
     "anipose-3d": "csv _error _ncams _score fnum M_00 table",
     "anipose-calibration": "toml matrix distortions rotation translation size",
     "qualisys-tsv": "tsv NO_OF_FRAMES NO_OF_CAMERAS MARKER_NAMES FREQUENCY table",
@@ -183,6 +184,8 @@ FORMATS = (
 """In the order in which they are asked: where two know a file, the first is right."""
 BESIDE = ("easymocap", "opencap")
 """Formats whose readers look at the file's place: what lies beside it, or its folder's name."""
+OF_WORDS = ("sleap-csv",)
+"""Formats whose tables hold words that mean something: laid out anew they would lose them."""
 NANOMETRE = 1e-9  # the last digit that is written
 Result = TypeVar("Result")
 
@@ -228,10 +231,12 @@ def _of_either(
 
     stands = False
     try:
-        with transcribed(path, knows=_is_known, sheet=hints.sheet) as (file, notes):
+        with transcribed(path, knows=_is_known, named=_is_named, sheet=hints.sheet) as (file, notes):
             stands = format is not None and format.name != "csv" and fits(head(file))
             return result(file, notes)
     except FormatError as error:
+        if format is not None and format.name in OF_WORDS:
+            raise
         with transcribed(path, knows=_is_known, sheet=hints.sheet, anew=True) as (file, notes):
             if file == path or not (hints.format or fits(head(file)) or plain.is_mapped(head(file), hints)):
                 raise error from None
@@ -243,6 +248,11 @@ def _of_either(
 
 def _is_known(beginning: Head) -> bool:
     return any(format.knows(beginning) for format in FORMATS)
+
+
+def _is_named(beginning: Head) -> bool:
+    """Whether a format of columns with names of its own knows a text; others take any names."""
+    return any(f.knows(beginning) for f in FORMATS if f.name not in ("csv", "typed-pixels", "argus-xyzpts"))
 
 
 def _identify(path: Path, hints: Hints) -> Format:

@@ -2,17 +2,21 @@
 
 import importlib
 import io
+import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, camera_files, of_animals, pixel_recording, point_recording, points_of
-from mocap.io.format import Format, Hints, file_format
+from mocap.io.format import Format, Head, Hints, file_format
+from mocap.io.lines import frame_numbers
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
@@ -20,10 +24,23 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
     with damaged(f"{path.name}: cannot be read as HDF5", "copy or export it again"), h5py.File(path, "r") as file:
         table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
+        axes = {name: _dims(file[name]) for name in table if table[name].ndim > 2}
+    table |= {f"{name}.dims": stated for name, stated in axes.items()}
     lacking = [name for name in ("tracks", "node_names") if name in names and name not in table]
     if lacking:
         raise FormatError(f"{path.name}: the dataset {lacking[0]} is not in it: copy or export it again")
     return table
+
+
+def _dims(dataset: Any) -> tuple[str, ...]:
+    """The names of its axes that a dataset states (sleap-io, as JSON); none where it does not."""
+    stated = dataset.attrs.get("dims", ())
+    try:
+        words = json.loads(stated) if isinstance(stated, str | bytes) else list(stated)
+    except ValueError:
+        return ()
+    names = tuple(word.decode() if isinstance(word, bytes) else str(word) for word in words)
+    return names if len(names) == dataset.ndim and set(names) <= set(_CANONICAL) else ()
 
 
 def _words(path: Path, table: dict[str, Any], name: str, count: int, plain: str) -> list[str]:
@@ -40,13 +57,26 @@ def _words(path: Path, table: dict[str, Any], name: str, count: int, plain: str)
     return words
 
 
+_CANONICAL = ("frame", "track", "node", "xy")
+"""Axes of tracks, and of scores without the last, as they are here."""
+
+
 def _analysis(path: Path, _hints: Hints) -> FileContents:
+    """Pixels and scores; the attribute ``dims`` says the order of their axes, else their shape does."""
     table = _read(path, ("tracks", "node_names", "track_names", "point_scores"))
     tracks, nodes = table["tracks"], np.ravel(table["node_names"])
     if tracks.ndim != 4 or tracks.dtype.kind != "f" or not tracks.size:
         raise FormatError(f"{path.name}: tracks has shape {tracks.shape}; expected tracks x 2 x nodes x frames")
-    # MATLAB's order (written since 1.0) is (tracks, 2, nodes, frames), the other (frames, nodes, 2, tracks)
-    if tracks.shape[1] == 2 and tracks.shape[2] == len(nodes):
+    dims = table["tracks.dims"]
+    # without dims MATLAB's order (written since 1.0) is (tracks, 2, nodes, frames), else (frames, nodes, 2, tracks)
+    if dims:
+        xy = np.transpose(tracks, [dims.index(axis) for axis in _CANONICAL])
+        if xy.shape[2:] != (len(nodes), 2):
+            raise FormatError(
+                f"{path.name}: tracks has shape {tracks.shape} for {', '.join(dims)} and {len(nodes)} node_names: "
+                "export it again"
+            )
+    elif tracks.shape[1] == 2 and tracks.shape[2] == len(nodes):
         xy = np.transpose(tracks, (3, 0, 2, 1))
     elif tracks.shape[2] == 2 and tracks.shape[1] == len(nodes):
         xy = np.transpose(tracks, (0, 3, 1, 2))
@@ -59,7 +89,12 @@ def _analysis(path: Path, _hints: Hints) -> FileContents:
     individuals = _words(path, table, "track_names", animals, "track")
     score = table.get("point_scores")
     if score is not None:
-        if score.shape == (animals, len(parts), frames):
+        order = table.get("point_scores.dims") or tuple(axis for axis in dims if axis != "xy")
+        if order and score.ndim == 3:
+            score = np.transpose(score, [order.index(axis) for axis in _CANONICAL[:3]])
+            if score.shape != xy.shape[:3]:
+                raise FormatError(f"{path.name}: point_scores has shape {score.shape}, unlike tracks: export it again")
+        elif score.shape == (animals, len(parts), frames):
             score = np.transpose(score, (2, 0, 1))
         elif score.shape == (frames, len(parts), animals):
             score = np.transpose(score, (0, 2, 1))
@@ -145,9 +180,7 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
         if isinstance(instance, sleap_io.PredictedInstance):
             score[at] = instance.numpy(scores=True)[:, 2]
     stems = [Path(str(video.filename)).stem for video in labels.videos]
-    notes = (
-        ["instances without a track are in no order: one animal may be another in the next frame"] if unnamed else []
-    )
+    notes = [_NO_ORDER] if unnamed else []
     names, pairs = of_animals(animals, parts)
     return pixel_recording(
         path,
@@ -161,6 +194,92 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
         score=None if np.isnan(score).all() else score.reshape(*score.shape[:2], -1),
         findings=tuple(notes),
     )
+
+
+_NO_ORDER = "instances without a track are in no order: one animal may be another in the next frame"
+_INSTANCES = ("track", "frame_idx")
+
+
+def _is_instances(head: Head) -> bool:
+    """Titles ``track, frame_idx, instance.score, <node>.x, <node>.y, <node>.score, ...``, of nodes in any order."""
+    cells = head.cells()
+    nodes = {cell.removesuffix(".x") for cell in cells if cell.endswith(".x")}
+    return set(_INSTANCES) <= set(cells) and bool(nodes) and all(f"{node}.y" in cells for node in nodes)
+
+
+@file_format("sleap-csv", "pixel tracks of SLEAP (analysis CSV, one row for each instance)", _is_instances)
+def _instances(path: Path, _hints: Hints) -> FileContents:
+    """Pixels and scores of one camera; frames without an instance have no row, and show nothing.
+
+    Raises:
+        FormatError: a cell is no number, or a track has two instances in one frame.
+    """
+    import pandas as pd
+
+    with damaged(f"{path.name}: cannot be read as a table", "export it again"):
+        table = pd.read_csv(path, dtype={"track": str}, encoding="utf-8-sig", skipinitialspace=True)
+    table = table.rename(columns=str.strip)
+    nodes = list(dict.fromkeys(title[:-2] for title in table.columns if title.endswith(".x")))
+    columns = [f"{node}.{part}" for node in nodes for part in ("x", "y", "score")]
+    numbers = table.reindex(columns=["frame_idx", *columns]).apply(pd.to_numeric, errors="coerce")
+    there = table.reindex(columns=numbers.columns)
+    wrong = np.argwhere(np.asarray(numbers.isna() & there.notna()))
+    if len(wrong):
+        row, column = wrong[0]
+        cell = there.iloc[row, column]
+        raise FormatError(
+            f"{path.name}: line {row + 2}, {numbers.columns[column]}: {cell!r} is not a number: correct it"
+        )
+    index = _frames_of_rows(path, numbers["frame_idx"])
+    values = numbers[columns].to_numpy(dtype=np.float64).reshape(len(table), len(nodes), 3)
+    tracks = table["track"].fillna("").str.strip()
+    place = np.zeros(len(table), dtype=int)
+    seen = Counter[tuple[int, str]]()
+    for row, key in enumerate(zip(index.tolist(), tracks, strict=True)):
+        place[row] = seen[key]
+        seen[key] += 1
+    unnamed = bool((place[np.asarray(tracks == "")] > 0).any())
+    twice = np.flatnonzero((place > 0) & np.asarray(tracks != ""))
+    if len(twice):
+        raise FormatError(
+            f"{path.name}: line {twice[0] + 2}: track {tracks.iloc[twice[0]]!r} has a second instance in frame "
+            f"{index[twice[0]]}: export it again"
+        )
+    animal_of = [track or f"animal{k + 1}" for track, k in zip(tracks, place, strict=True)]
+    animals = list(dict.fromkeys(animal_of))
+    first, last = int(index.min()), int(index.max())
+    check_bytes(path, 24 * (last - first + 1), "all frames up to its last")
+    out = np.full((last - first + 1, len(animals), len(nodes), 3), np.nan)
+    out[index - first, [animals.index(animal) for animal in animal_of]] = values
+    out[..., :2][np.isnan(out[..., :2]).any(axis=-1)] = np.nan
+    score = out[..., 2].reshape(1, len(out), -1)
+    names, pairs = of_animals(animals, nodes)
+    return pixel_recording(
+        path,
+        "sleap-csv",
+        names=names,
+        cameras=[path.name.split(".")[0]],
+        uv_px=out[..., :2].reshape(1, len(out), -1, 2),
+        frames=np.arange(first, last + 1),
+        first=first,
+        pixel_origin="upper-left",
+        animals=pairs,
+        score=None if np.isnan(score).all() else score,
+        findings=(_NO_ORDER,) if unnamed else (),
+    )
+
+
+def _frames_of_rows(path: Path, column: Any) -> NDArray[np.int64]:
+    """Whole frame numbers of rows, in any order.
+
+    Raises:
+        FormatError: one is none.
+    """
+    values = np.asarray(column, dtype=np.float64)
+    if np.isnan(values).any():
+        raise FormatError(f"{path.name}: line {int(np.argmax(np.isnan(values))) + 2} has no frame_idx: correct it")
+    order = np.unique(values)
+    return frame_numbers(path, order)[np.searchsorted(order, values)]
 
 
 def _spread(recording: FileContents, values: Array) -> Array:

@@ -13,7 +13,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.csv_table import as_cells, as_workbook_cell, from_cell, to_the_last_bit
 from mocap.io.format import Format, Hints
-from mocap.io.lines import LARGEST, cells_of, frame_numbers, number, rate_of_times
+from mocap.io.lines import LARGEST, cells_of, even_times, frame_numbers, number
 from mocap.io.workbook import write_sheets
 from mocap.records import Status
 
@@ -150,7 +150,7 @@ def with_sd(recording: FileContents, sd: Array) -> FileContents:
 _ENDS = ("x", "y", "z", "sd", "origin")
 
 
-def _read_wide(path: Path, _hints: Hints) -> FileContents:
+def _read_wide(path: Path, hints: Hints) -> FileContents:
     written = titles(path)
     header = [from_cell(title) for title in written]
     names = [title.removesuffix("_origin") for title in header if title.endswith("_origin")]
@@ -175,7 +175,7 @@ def _read_wide(path: Path, _hints: Hints) -> FileContents:
             raise FormatError(
                 f"{path.name}: row {int(np.argmax(np.isnan(times))) + 1} has no t_s: give it, or leave the column out"
             )
-        fps, findings = rate_of_times(path, times)
+        times, fps, findings = even_times(path, times, frames=frame_numbers(path, table["frame"]), stated=hints.fps)
     if (words == REPAIRED).any():
         findings.append(
             f"{(words == REPAIRED).sum()} measured samples had another marker's name in the original "

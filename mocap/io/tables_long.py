@@ -21,7 +21,7 @@ from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording, points_of
 from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.format import Format, Hints
-from mocap.io.lines import frame_numbers, rate_of_times
+from mocap.io.lines import even_times, frame_numbers
 from mocap.io.tables import EDITED, REPAIRED, WORDS, check_origins, codes, read_rows, titles, with_sd
 from mocap.records import MarkerTracks
 from mocap.schema import POSITIVE, Entry, checked
@@ -61,8 +61,11 @@ def _long(path: Path, recording: FileContents) -> "pd.DataFrame":
     return pd.DataFrame(table | {"origin": WORDS[points.status].ravel()})
 
 
-def _recording(path: Path, format: str, table: "pd.DataFrame", fps: float | None) -> FileContents:
-    """A recording from rows, which must be the whole grid of frames, markers and cameras, sorted."""
+def _recording(path: Path, format: str, table: "pd.DataFrame", fps: float | None, stated: float | None) -> FileContents:
+    """A recording from rows, which must be the whole grid of frames, markers and cameras, sorted.
+
+    ``fps`` is the rate that the file holds, ``stated`` that of the user.
+    """
     axes = next((axes for axes in _AXES if set(axes) <= set(table.columns)), ("x", "y", "z"))
     filmed = _AXES[axes] == "px"
     lacking = [
@@ -90,7 +93,7 @@ def _recording(path: Path, format: str, table: "pd.DataFrame", fps: float | None
     times, findings = None, []
     if "t_s" in table:
         times = table["t_s"].to_numpy(dtype=np.float64)[::size]
-        rate, findings = rate_of_times(path, times)
+        times, rate, findings = even_times(path, times, frames=frames[::size], header=fps, stated=stated)
         fps = fps or rate
     score = None if "score" not in table else table["score"].to_numpy(dtype=np.float64).reshape(values.shape[:3])
     if filmed:
@@ -130,12 +133,12 @@ def _recording(path: Path, format: str, table: "pd.DataFrame", fps: float | None
     return with_sd(recording, table[sd].to_numpy(dtype=np.float64).reshape(-1, len(names)))
 
 
-def _read_csv(path: Path, _hints: Hints) -> FileContents:
+def _read_csv(path: Path, hints: Hints) -> FileContents:
     kinds = {title: str if title in _TEXT else float for title in titles(path)}
     table = read_rows(path, kinds)
     for column in table.columns.intersection(_NAMES):
         table[column] = table[column].map(from_cell, na_action="ignore")
-    return _recording(path, "csv-long", table, None)
+    return _recording(path, "csv-long", table, None, hints.fps)
 
 
 def _write_csv(path: Path, recording: FileContents) -> None:
@@ -149,7 +152,7 @@ def _readable(path: Path) -> AbstractContextManager[None]:
     return damaged(f"{path}: cannot be read as Parquet", "copy or export it again")
 
 
-def _read_parquet(path: Path, _hints: Hints) -> FileContents:
+def _read_parquet(path: Path, hints: Hints) -> FileContents:
     import pyarrow.parquet as parquet
 
     with _readable(path):
@@ -166,7 +169,7 @@ def _read_parquet(path: Path, _hints: Hints) -> FileContents:
     if rows.empty:
         raise FormatError(f"{path.name}: contains no rows: export it again")
     with damaged(f"{path.name}: a column has the wrong type", "export it again"):  # they are arrow's until looked at
-        return _recording(path, "parquet", rows, fps)
+        return _recording(path, "parquet", rows, fps, hints.fps)
 
 
 def _write_parquet(path: Path, recording: FileContents) -> None:
@@ -274,7 +277,7 @@ class LongTable:
             raise MocapError(f"{self.path}: has the frames 1 to {self.n_frames}, not {start + 1} to {stop}")
         first = self._head[1]
         rows = self._rows([("frame", ">=", first + start), ("frame", "<", first + stop)])
-        points = points_of(self.path, _recording(self.path, "parquet", rows, None))
+        points = points_of(self.path, _recording(self.path, "parquet", rows, None, None))
         if f"cov_{COVARIANCES[0][0]}_m2" in rows:
             cov = np.empty((*points.xyz_m.shape, 3))
             for name, i, j in COVARIANCES:

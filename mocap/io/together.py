@@ -305,6 +305,7 @@ def convert_files(
     """
     check_stated("fps", fps)
     format = writer(out, to)
+    hints = replace(hints, fps=fps)
     recording = joined([read(path, hints) for path in files]) if contents is None else contents
     recording = recording if fps is None else recording.with_rate(fps)
     recording = recording if unit is None else recording.with_unit(unit)

@@ -7,6 +7,7 @@ every format and every message stays as it is. A file that needs nothing of this
 
 import csv
 import io
+import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -40,13 +41,14 @@ Knows = Callable[[Head], bool]
 
 @contextmanager
 def transcribed(
-    path: Path, *, knows: Knows, sheet: str | None = None, anew: bool = False
+    path: Path, *, knows: Knows, named: Knows = lambda _: False, sheet: str | None = None, anew: bool = False
 ) -> Iterator[tuple[Path, tuple[str, ...]]]:
     """The file to read in place of another, while the context lasts, and sentences on how it was read.
 
     Args:
         path: What the user named.
         knows: Whether a format knows a text whose cells are separated by tabs; else it is a table of commas to be.
+        named: Whether a format knows a text by its titles: then a column of row numbers before them is left out.
         sheet: Of a workbook with several, the one to read: its name, or its number from 1.
         anew: Whether a table is laid out anew (``mocap.io.title_rows``); where none is, the file itself is given.
 
@@ -57,11 +59,11 @@ def transcribed(
     with suppress(OSError):  # the reader says it
         check_cells(path)
     if is_workbook(path):
-        text, notes = sheet_text(path, sheet)
+        text, notes = _without_row_numbers(path, *sheet_text(path, sheet), named)
     elif sheet is not None:
         raise FormatError(f"{path.name}: is not a workbook (.xlsx), but the sheet {sheet!r} was stated: leave it out")
     else:
-        text, notes = _decoded(path) if anew else _one_form(path, knows)
+        text, notes = _decoded(path) if anew else _one_form(path, knows, named)
     if anew and text is not None:
         text, more = laid_out(text) or (None, ())
         notes = (*notes, *more)
@@ -84,17 +86,46 @@ def _decoded(path: Path) -> tuple[str | None, tuple[str, ...]]:
         return None, ()
     text, notes = decoded(path, data)
     text = one_kind(text)
+    if _is_json(text):
+        return None, ()
     return text, notes if text.endswith(("\n", "\x1a", "\f")) else (*notes, _whole_end(path, text))
 
 
-def _one_form(path: Path, knows: Knows) -> tuple[str | None, tuple[str, ...]]:
+_ROW_NUMBERS = re.compile(r'"?(|\d+|X|V1|Unnamed: ?\d*|row[ _.]?(names?|numbers?)?)"?', re.IGNORECASE)
+"""What R, pandas and spreadsheets write over the numbers of rows."""
+
+
+def _without_row_numbers(path: Path, text: str, notes: tuple[str, ...], named: Knows) -> tuple[str, tuple[str, ...]]:
+    """A text without a first column that numbers its rows, where its titles are a format's without that column."""
+    first, *lines = text.rstrip("\n").split("\n")
+    title, _, titles = first.partition(",")
+    if not _ROW_NUMBERS.fullmatch(title.strip()) or not titles or named(Head(path, text[:LENGTH].encode())):
+        return text, notes
+    column, _, rest = zip(*(line.partition(",") for line in lines), strict=True) if lines else ((), (), ())
+    counts = [cell.strip('" ') for cell in column]
+    start = int(counts[0]) if counts and counts[0] in ("0", "1") else -1
+    if start < 0 or counts != [str(k) for k in range(start, start + len(counts))]:
+        return text, notes
+    bare = "\n".join([titles, *rest, ""])
+    if not named(Head(path, bare[:LENGTH].encode())):
+        return text, notes
+    return bare, (*notes, f"the first column, {title.strip()!r}, numbers the rows from {start}, and was left out")
+
+
+def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple[str, ...]]:
     """The text of a file in the one form, and sentences on that; None where it has it already, or is not text."""
     try:
         with path.open("rb") as stream:
             start = stream.read(LENGTH)
             if not start.strip() or (b"\0" in start and not is_utf16(start)):
                 return None, ()
-            if not is_utf16(start) and is_utf8(_blocks(stream)) and _is_plain(stream, Head(path, start), knows):
+            numbered = _ROW_NUMBERS.fullmatch(start.split(b",", 1)[0].decode("latin-1").lstrip("\xef\xbb\xbf").strip())
+            if (
+                not numbered
+                and not is_utf16(start)
+                and is_utf8(_blocks(stream))
+                and _is_plain(stream, Head(path, start), knows)
+            ):
                 return None, ()
             stream.seek(0)
             data = stream.read()
@@ -102,6 +133,8 @@ def _one_form(path: Path, knows: Knows) -> tuple[str | None, tuple[str, ...]]:
         return None, ()  # the reader says it
     text, notes = decoded(path, data)
     text = one_kind(text)
+    if _is_json(text):
+        return text, notes
     if hint := _SEP.match(text):
         text = text[hint.end() :]
         notes = (*notes, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
@@ -119,7 +152,18 @@ def _one_form(path: Path, knows: Knows) -> tuple[str | None, tuple[str, ...]]:
     if not text.endswith("\n"):
         left = (*left, _whole_end(path, text))
         text += "\n"
-    return text, (*notes, *separators, *left)
+    return _without_row_numbers(path, text, (*notes, *separators, *left), named)
+
+
+def _is_json(text: str) -> bool:
+    """Whether a text is JSON from its first to its last sign: then it is whole, with a last line end or without."""
+    if text.lstrip("\ufeff \t\n")[:1] not in ("{", "["):
+        return False
+    try:
+        json.loads(text.lstrip("\ufeff"))
+    except ValueError:
+        return False
+    return True
 
 
 def _all_quoted(lines: Sequence[str]) -> bool:

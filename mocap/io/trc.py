@@ -4,18 +4,19 @@ import re
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording, points_of, table_recording
 from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.format import Format, Head, Hints, file_format
-from mocap.io.lines import frame_numbers, metres, number, numbers, rate_of_times, read_lines, told_apart, unit_of
+from mocap.io.lines import even_times, frame_numbers, metres, number, numbers, read_lines, told_apart, unit_of
 
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
 
 
-def _read(path: Path, _hints: Hints) -> FileContents:
+def _read(path: Path, hints: Hints) -> FileContents:
     """Positions at the times of the column Time; empty and ``NaN`` mean not seen.
 
     Raises:
@@ -57,10 +58,10 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         line + mark * max(0, width - 1 - line.count(mark)) if full or not end else line for line, end, full in filled
     ]
     values = numbers(path, text, separator=mark, columns=width, first_line=rows[0][0])
-    frames, times = values[:, 0], values[:, 1]
+    frames, times = frame_numbers(path, values[:, 0], first_line=rows[0][0]), values[:, 1]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
-    fps, rate_findings = _rate(path, times, head.get("DataRate", ""))
+    times, fps, rate_findings = _rate(path, times, frames, head.get("DataRate", ""), hints.fps)
     findings += rate_findings
     if str(len(rows)) != head.get("NumFrames"):
         findings.append(f"NumFrames is {head.get('NumFrames', 'missing')}, but there are {len(rows)} rows")
@@ -71,7 +72,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         names=names,
         xyz=values[:, 2:],
         unit=unit,
-        frames=frame_numbers(path, frames, first_line=rows[0][0]),
+        frames=frames,
         fps=fps,
         t_s=times,
         findings=tuple(findings),
@@ -95,18 +96,26 @@ def _names(path: Path, titles: list[str], rows: list[str], separator: str) -> tu
     return told_apart([name for _, name in named])
 
 
-def _rate(path: Path, times: Array, text: str) -> tuple[float | None, list[str]]:
-    """Frames a second by the column Time, and how that agrees with DataRate."""
-    fps, findings = rate_of_times(path, times)
+def _rate(
+    path: Path, times: Array, frames: NDArray[np.int64], text: str, stated: float | None
+) -> tuple[Array, float | None, list[str]]:
+    """Times, frames a second by the column Time, and how that agrees with DataRate."""
     rate = number(text)
+    times, fps, findings = even_times(path, times, frames=frames, header=rate if rate > 0 else None, stated=stated)
     if fps is None:
-        return (rate if rate > 0 else None), []
+        return times, (rate if rate > 0 else None), findings
+    if fps == stated:
+        return times, fps, findings
     if abs(rate - fps) < 0.01 * fps:  # times are rounded: what the head says is nearer to the truth
-        return (rate if abs(rate - fps) * (times[-1] - times[0]) < 0.5 else fps), findings
-    return fps, [
-        *findings,
-        f"DataRate says {text or 'nothing'}, the column Time {fps:.6g} frames a second: the column Time is used",
-    ]
+        return times, (rate if abs(rate - fps) * (times[-1] - times[0]) < 0.5 else fps), findings
+    return (
+        times,
+        fps,
+        [
+            *findings,
+            f"DataRate says {text or 'nothing'}, the column Time {fps:.6g} frames a second: the column Time is used",
+        ],
+    )
 
 
 def _write(path: Path, recording: FileContents) -> None:
@@ -147,7 +156,7 @@ def _is_storage(head: Head) -> bool:
 
 
 @file_format("opensim-storage", "quantities over time of OpenSim (.mot, .sto)", _is_storage)
-def _read_storage(path: Path, _hints: Hints) -> FileContents:
+def _read_storage(path: Path, hints: Hints) -> FileContents:
     """Quantities as the table ``quantities`` (T, N); of data type Vec3 positions, of markers as OpenSim writes them.
 
     Raises:
@@ -168,7 +177,7 @@ def _read_storage(path: Path, _hints: Hints) -> FileContents:
     values = numbers(path, rows, separator="\t", columns=width, first_line=end + 3)
     if not np.isfinite(values[:, 0]).all():
         raise FormatError(f"{path.name}: a time is missing in the first column: export it again")
-    fps, findings = rate_of_times(path, values[:, 0])
+    times, fps, findings = even_times(path, values[:, 0], stated=hints.fps)
     count = re.sub(r"\D", "", head.get("nRows", head.get("datarows", "")))
     if count and int(count) != len(values):
         findings.append(f"nRows is {count}, but there are {len(values)} rows")
@@ -176,7 +185,7 @@ def _read_storage(path: Path, _hints: Hints) -> FileContents:
         unit = head.get("Units", "").lower() or None
         return point_recording(
             path, "opensim-storage", names=names, xyz=values[:, 1:], unit=unit, fps=fps,
-            t_s=values[:, 0], findings=tuple(findings),
+            t_s=times, findings=tuple(findings),
         )  # fmt: skip
     angles = {"yes": "angles are in degrees", "no": "angles are in radians"}.get(head.get("inDegrees", "").lower())
     return table_recording(
@@ -184,7 +193,7 @@ def _read_storage(path: Path, _hints: Hints) -> FileContents:
         "opensim-storage",
         names=names,
         fps=fps,
-        tables={"quantities": values[:, 1:], "time_s": values[:, 0]},
+        tables={"quantities": values[:, 1:], "time_s": times},
         findings=(*findings, "coordinates, forces or states, not positions", *([angles] if angles else [])),
     )
 

@@ -12,7 +12,7 @@ from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table
 from mocap.io.format import Head, Hints, file_format
-from mocap.io.lines import frame_numbers, rate_of_times
+from mocap.io.lines import even_times, frame_numbers, rate_of_times
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -114,7 +114,7 @@ def _is_kinovea(head: Head) -> bool:
 
 
 @file_format("kinovea", "trajectories of Kinovea (CSV)", _is_kinovea)
-def _read_kinovea(path: Path, _hints: Hints) -> FileContents:
+def _read_kinovea(path: Path, hints: Hints) -> FileContents:
     """Pixels of one camera; times are milliseconds, unless they count whole frames.
 
     Raises:
@@ -134,7 +134,7 @@ def _read_kinovea(path: Path, _hints: Hints) -> FileContents:
     counts = bool((steps == 1).all())
     fps, notes = None, ["the column Time counts frames"]
     if not counts:
-        fps, notes = rate_of_times(path, times / 1000)
+        _, fps, notes = even_times(path, times / 1000, stated=hints.fps)
         notes = ["times were read as milliseconds, as Kinovea writes them", *notes]
     uv = values[:, 1:].reshape(len(values), -1, 2)
     uv[np.isnan(uv).any(axis=-1)] = np.nan

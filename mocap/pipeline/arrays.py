@@ -16,7 +16,7 @@ from mocap.cameras.origin import PixelCorner, PixelOptions
 from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
-from mocap.io.lines import metres, rate_of_times
+from mocap.io.lines import even_times, metres
 from mocap.io.movement import of_dataset
 from mocap.io.plausible import MOST_LIKELY, plausible
 from mocap.pipeline.ideal_pixels import with_ideal_pixels
@@ -56,7 +56,7 @@ def from_arrays(
         SkeletonError: the skeleton names markers that the recording lacks.
         MocapError: the frame rate is not stated, or no camera has it.
     """
-    contents = _contents(xyz, "xyz", name, names)
+    contents = _contents(xyz, "xyz", name, names, fps)
     if contents.points is None:
         raise FormatError("`xyz` contains pixels (space x, y), expected positions (x, y, z): use mocap.from_pixels")
     return _recording(contents, (), (), name=name, fps=fps, unit=unit, skeleton=skeleton)
@@ -104,7 +104,7 @@ def from_pixels(
         SkeletonError: the skeleton names markers that the recording lacks.
         MocapError: the frame rate is not stated, or no camera has it.
     """
-    contents = _contents(uv, "uv", name, names)
+    contents = _contents(uv, "uv", name, names, fps)
     if contents.pixels is None:
         raise FormatError("`uv` contains positions (x, y, z), expected pixels (space x, y): use mocap.from_arrays")
     if likelihood is not None:
@@ -165,7 +165,7 @@ def _recording(
     )
 
 
-def _contents(given: Any, argument: str, name: str, names: Sequence[str] | None) -> FileContents:
+def _contents(given: Any, argument: str, name: str, names: Sequence[str] | None, fps: float | None) -> FileContents:
     """An array, a table or a Dataset as what a file of it would hold."""
     kind = type(given).__name__
     where = Path(name)
@@ -177,7 +177,7 @@ def _contents(given: Any, argument: str, name: str, names: Sequence[str] | None)
     if kind == "DataFrame":
         if argument == "uv":
             raise FormatError("`uv` is a table, expected (cameras, frames, markers, 2) numbers or a Dataset")
-        return _of_table(given, where, names)
+        return _of_table(given, where, names, fps)
     views = argument == "uv"
     shape = (None, None, None, 2) if views else (None, None, 3)
     values = _numbers(given, argument, shape, "cameras, frames, markers, 2" if views else "frames, markers, 3")
@@ -230,7 +230,7 @@ def _names(names: Sequence[str], count: int) -> list[str]:
     return list(names)
 
 
-def _of_table(table: Any, where: Path, names: Sequence[str] | None) -> FileContents:
+def _of_table(table: Any, where: Path, names: Sequence[str] | None, fps: float | None) -> FileContents:
     """Positions of a table of pandas, a row a frame; further columns are left out and told."""
     flat = table.reset_index() if table.index.name in (*TIMES, NUMBER) else table
     titles = ["_".join(map(str, title)) if isinstance(title, tuple) else str(title) for title in flat.columns]
@@ -251,8 +251,10 @@ def _of_table(table: Any, where: Path, names: Sequence[str] | None) -> FileConte
     values = _numbers(flat[used].to_numpy(), "xyz", (None, 3 * len(order)), "frames, columns")
     time = next((title for title in TIMES if title in titles), None)
     t_s = None if time is None else _numbers(flat[time].to_numpy(), time, (None,), "frames")
-    fps, notes = (None, []) if t_s is None else rate_of_times(where, t_s)
     frames = None if NUMBER not in titles else _numbers(flat[NUMBER].to_numpy(), NUMBER, (None,), "frames")
+    own, notes = None, list[str]()
+    if t_s is not None:
+        t_s, own, notes = even_times(where, t_s, frames=frames, stated=fps)
     left = [title for title in titles if title not in (*used, time, NUMBER)]
     notes += [f"columns that are not used: {', '.join(left[:8])}{', ...' if len(left) > 8 else ''}"] if left else []
     return point_recording(
@@ -263,7 +265,7 @@ def _of_table(table: Any, where: Path, names: Sequence[str] | None) -> FileConte
         unit=None,
         frames=None if frames is None else frames.astype(np.int64),
         first=1 if frames is None else int(frames[0]),
-        fps=fps,
+        fps=own,
         t_s=t_s,
         findings=tuple(notes),
     )

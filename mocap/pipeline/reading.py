@@ -82,7 +82,8 @@ def read(
             those beside the tracks with names that match, if rays then meet better.
         hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
             number of cameras of a sparse pixel file, the sheet of a workbook, what samples at exactly zero are.
-        mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions stay pixels.
+        mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions stay pixels, but where
+            the titles of a table or ``unit`` state that its two columns a point are lengths in a plane.
         fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
             determined.
         edits: A log of corrections made by hand (``edits.jsonl`` of mocap desk), replayed on what was read.
@@ -112,7 +113,13 @@ def read(
     for name, value in cameras_of.items():
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
-    contents, findings = complete(_whole(files, rig, hints or Hints()), where=files[0].name, fps=fps, unit=unit)
+    hints = replace(hints or Hints(), fps=fps)
+    contents, findings = complete(_whole(files, rig, hints), where=files[0].name, fps=fps, unit=unit)
+    if not contents.names:
+        why = "; ".join((*contents.findings, "give a file of pixels or positions"))
+        raise FormatError(f"{files[0].name}: contains no markers ({contents.format}): {why}")
+    if rig is None and mm_per_px is None:
+        mm_per_px = contents.plane_mm
     animal_skeleton, names = animal(skeleton, contents.names, bodies=contents.bodies)
     contents, cameras, notes = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
     contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
@@ -191,6 +198,7 @@ def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None
     Raises:
         FormatError: a file cannot be read, or offsets do not belong to the videos.
     """
+    hints = replace(hints, fps=fps)
     contents, _ = complete(_whole(files, None, hints), where=files[0].name, fps=fps or 1.0, unit=None)
     contents, cameras, findings = _with_cameras(contents, files[0], None, None, None)
     contents, further = _in_whole_picture(contents, cameras, files, (), crops, None)

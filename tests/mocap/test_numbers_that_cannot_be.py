@@ -149,7 +149,7 @@ def test_names_are_exchanged_too_often_from_a_share_on(share):
     """Each exchange of one frame is two steps; on either side of ``OFTEN``."""
     xyz = animal()
     at = np.linspace(2, FRAMES - 3, round(share * FRAMES / 2)).astype(int)
-    xyz[np.ix_(at, [0, 1])] = xyz[np.ix_(at, [1, 0])]
+    xyz[at, 0], xyz[at, 1] = xyz[at, 1], xyz[at, 0].copy()
     assert bool(exchange_rates(xyz, NAMES)) == (share > OFTEN)
 
 
@@ -180,7 +180,7 @@ def test_every_entrance_says_it(damage, mocap, tmp_path):
 
 def test_what_is_wrong_is_told_of_what_was_tracked():
     """The report's list of what is wrong has it, of positions and of pixels."""
-    found = track(from_arrays(in_mm(animal()), fps=100, unit="m"), validate=False)
+    found = track(from_arrays(in_mm(animal()), fps=100, unit="m"), model="constant_velocity", validate=False)
     assert any("in another unit" in text for text in found.report["wrong"])
     cameras = ring(3)
     uv = record(cameras, animal() - animal().mean(axis=(0, 1)))

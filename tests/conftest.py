@@ -108,6 +108,7 @@ SLOW = {
     "mocap/test_crop_offsets.py": 2,
     "mocap/test_earlier_results.py": 3,
     "mocap/test_edits.py": 6,
+    "mocap/test_few_frames.py": 6,
     "mocap/test_fit_lens.py": 3,
     "mocap/test_foreign_results.py": 2,
     "mocap/test_format_files.py": 2,
@@ -122,6 +123,7 @@ SLOW = {
     "mocap/test_many.py": 4,
     "mocap/test_model_settings.py": 4,
     "mocap/test_movement_package.py": 12,
+    "mocap/test_numbers_that_cannot_be.py": 6,
     "mocap/test_nwb.py": 2,
     "mocap/test_odd_tables.py": 3,
     "mocap/test_optical_files.py": 4,
@@ -143,7 +145,7 @@ SLOW = {
     "mocap/test_wrong_accusations.py": 2,
     "mocap/web/test_web_server.py": 8,
     "test_installed.py": 40,
-    "test_plugins.py": 4,
+    "test_plugins.py": 20,
     "test_time_limit.py": 4,
 }
 """Files that take more than three seconds of processor time, with roughly how many; ``make quick`` leaves them out.

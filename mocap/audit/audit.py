@@ -7,6 +7,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
+from mocap.audit.names import exchanged_in_a_camera
 from mocap.audit.offsets import offset_findings
 from mocap.audit.samples import jump_findings, pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
@@ -28,6 +29,7 @@ def audit_filmed(
     *,
     stored: MarkerTracks | None = None,
     stored_px: Array | None = None,
+    named_px: Array | None = None,
     timed: bool = True,
     first: int = 0,
 ) -> list[Finding]:
@@ -40,6 +42,7 @@ def audit_filmed(
         decision: Where rows are counted from.
         stored: Points that were stored with them; None: there are none.
         stored_px: Ideal pixels as the program that stored the points made them; None: ``ideal_px``.
+        named_px: Ideal pixels by the names of the file; None: ``ideal_px``.
         timed: Whether the frame rate is known.
         first: Frames of the recording before these.
 
@@ -72,6 +75,8 @@ def audit_filmed(
     miss = residual_px(matrices, ideal_px, xyz)
     usual = np.nanmedian(miss) if np.isfinite(miss).any() else np.nan
     believed = np.where((miss <= 5 * usual)[..., None], xyz, np.nan)
+    named = ideal_px if named_px is None else named_px
+    found += exchanged_in_a_camera(matrices, named, pixels.names, [c.name for c in cameras])
     found += [*sizes(xyz), *jump_findings(believed, pixels.t_s, pixels.names, timed=timed, first=first)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
         solved = ideal_px if stored_px is None else stored_px

@@ -10,7 +10,7 @@ import numpy as np
 from mocap.audit import audit_recording
 from mocap.cameras.camera import check_cameras, stacked, undistorted
 from mocap.cameras.origin import PixelOptions, decide_origin
-from mocap.errors import CalibrationError, FormatError
+from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.contents import FileContents, summary
 from mocap.io.format import Hints
 from mocap.io.registry import identify, read_as
@@ -49,7 +49,7 @@ def inspect(
             recording = recording if unit is None else recording.with_unit(unit)
             recording = replace(recording, findings=(*unit_findings, *recording.findings))
         except Exception as error:  # whatever it is, the other files are looked at too
-            expected = isinstance(error, FormatError)
+            expected = isinstance(error, MocapError)
             text = (
                 str(error)
                 if expected

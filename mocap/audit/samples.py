@@ -5,14 +5,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from eal.arrays import Array
+from mocap.audit.names import exchange_rates
+from mocap.audit.units import unit_findings
 from mocap.findings import MOST, Finding, alarm
 from mocap.io.plausible import rounding
 from mocap.records import MarkerTracks, PixelTracks
 
 BESIDE = 2
 """Steps on each side of repeated frames of which one has at least half of the usual length. Chosen, not measured."""
-BODY_M = (2e-3, 15.0)
-"""Sizes of animals and parts of them, from the wing of a fly to a whale."""
+BODY_M = (5e-4, 40.0)
+"""Sizes of animals and parts of them, from an insect of 1 mm, whose markers are half of that from their centre, to a
+whale of 30 m."""
 
 
 def pixel_findings(pixels: PixelTracks) -> list[Finding]:
@@ -20,13 +23,21 @@ def pixel_findings(pixels: PixelTracks) -> list[Finding]:
     found = []
     for c, camera in enumerate(pixels.cameras):
         uv = pixels.uv_px[c]
-        found += [*_steps(uv, camera), *_repeats(uv, camera)]
+        found += [*_steps(uv, camera), *_repeats(uv, camera), *exchange_rates(uv, pixels.names, camera=camera)]
     return found + _copied_tracks(pixels)
 
 
-def point_findings(points: MarkerTracks) -> list[Finding]:
-    """Repeated frames and lengths that no animal has, of positions."""
-    return [*_repeats(points.xyz_m, None), *sizes(points.xyz_m)]
+def point_findings(points: MarkerTracks, *, first: int = 0, measured: bool = True) -> list[Finding]:
+    """Of positions: repeated frames, names that are exchanged, lengths in two units, or that no animal has.
+
+    Args:
+        points: The positions.
+        first: Frames of the recording before these.
+        measured: Whether they are lengths, not pixels.
+    """
+    found = [*_repeats(points.xyz_m, None, first), *exchange_rates(points.xyz_m, points.names)]
+    found += unit_findings(points.xyz_m, points.names, first=first)
+    return found + (sizes(points.xyz_m) if measured else [])
 
 
 def _steps(uv: Array, camera: str) -> list[Finding]:
@@ -71,7 +82,7 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
     ]
 
 
-def _repeats(values: Array, camera: str | None) -> list[Finding]:
+def _repeats(values: Array, camera: str | None, first: int = 0) -> list[Finding]:
     """Frames of (T, M, d) tracks that repeat the one before in every digit, though markers move otherwise."""
     seen = np.asarray(~np.isnan(values).any(axis=-1))
     both = np.logical_and(seen[1:], seen[:-1])
@@ -83,7 +94,10 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
     alone = np.count_nonzero(same[~repeats]) / max(np.count_nonzero(both[~repeats]), 1)
     markers = float(np.count_nonzero(both, axis=1)[repeats].mean())
     # by chance all stand still in one frame of a hundred
-    if alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5):
+    apart = np.diff(np.flatnonzero(judged & ~repeats))
+    # as often by chance, of ten steps, is none of 60 frames a second exported at 120, 180 or 240
+    times = int(apart[0]) if len(apart) >= 10 and apart[0] > 1 and np.mean(apart == apart[0]) > 0.95 else 1
+    if times == 1 and (alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5)):
         return []  # markers stand still one by one, so that all of them may by chance
     length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
     finite = np.isfinite(length)
@@ -99,14 +113,17 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
     if not len(at):
         return []
     whose = "" if camera is None else f" of camera {camera!r}"
+    cause = "the recording stalled, or frames were stored twice"
+    if times > 1:
+        cause = f"each frame is stored {times} times, so that the frame rate is {times} times that of the cameras"
     return [
         alarm(
             kind="repeated frames",
             text=f"{len(at)} frames{whose} are identical to the previous frame in every digit, while what is "
-            "recorded moves before and after: the recording stalled, or frames were stored twice",
-            numbers={"frames": len(at), "share": len(at) / len(values)},
+            f"recorded moves before and after: {cause}",
+            numbers={"frames": len(at), "share": len(at) / len(values), "times": times},
             cameras=() if camera is None else (camera,),
-            frames=tuple(int(f) + 1 for f in sorted(set(map(int, at)))[:MOST]),
+            frames=tuple(int(f) + 1 + first for f in sorted(set(map(int, at)))[:MOST]),
         )
     ]
 

@@ -15,6 +15,9 @@ FLATTEST = 1e-10
 """Least over greatest singular value of a projection's left 3 x 3 part; of a lens of 1e5 px it is about 1e-5."""
 FARTHEST = 1e9
 """No focal length or principal point in pixels, and no distance of a camera from the world's origin, is so great."""
+LARGEST_DLT = 1e15
+"""L1 to L8 are at most ``FARTHEST`` px over how far before the camera the world's origin lies, as a share of its
+distance; of a millionth tables of six digits tell nothing."""
 PARALLEL = "a parallel projection (L9 = L10 = L11 = 0: no rays that meet in a camera), which mocap cannot use"
 
 
@@ -67,10 +70,18 @@ def dlt_camera(name: str, coefficients: Array, *, lens: Lens | None = None) -> C
 
     u = (L1 x + L2 y + L3 z + L4) / (L9 x + L10 y + L11 z + 1), v = (L5 x + ... + L8) / (same)
     (Abdel-Aziz & Karara 1971; Hedrick 2008).
+
+    Raises:
+        CalibrationError: a coefficient is of no camera, beside the 1 that is the last of them.
     """
-    return Camera(
-        name=name, matrix=np.append(frozen("coefficients", coefficients, (11,)), 1.0).reshape(3, 4), lens=lens
-    )
+    matrix = np.append(frozen("coefficients", coefficients, (11,)), 1.0).reshape(3, 4)
+    most = float(np.abs(matrix).max())
+    if most > LARGEST_DLT:  # NaN is no number: ``check_cameras`` says it
+        raise CalibrationError(
+            f"camera {name!r} has DLT coefficients up to {most:.3g}, expected less than {LARGEST_DLT:.0e}: no camera "
+            "has them, whatever its unit: export the calibration again, or calibrate again"
+        )
+    return Camera(name=name, matrix=matrix, lens=lens)
 
 
 def dlt_coefficients(camera: Camera) -> Array:

@@ -140,6 +140,8 @@ def _placeholder_notes(values: Array, lost: NDArray[np.bool_], recording: FileCo
     return found
 
 
+MOST_LIKELY = 1.5
+"""Likelihoods are at most 1; peaks of heat maps, which some networks give in their place, exceed it a little."""
 _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
 _FARTHEST = _FARTHEST_M / 1e-3  # where the unit may be as small as a millimetre
@@ -178,7 +180,7 @@ def plausible(recording: FileContents) -> FileContents:
         if not np.isfinite(camera.matrix).all():
             raise FormatError(f"{name}: camera {camera.name!r} has numbers that are not finite: calibrate again")
     score = recording.score
-    if score is not None and ((score < 0) | (score > 2.0)).any():  # some networks exceed 1 a little
+    if score is not None and ((score < 0) | (score > MOST_LIKELY)).any():
         findings.append(f"scores are {np.nanmin(score):g} to {np.nanmax(score):g}; expected 0 to 1")
     recording, notes = _legible(recording)
     return replace(recording, findings=(*recording.findings, *findings, *notes, *_frame_findings(recording)))

@@ -18,7 +18,7 @@ from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.lines import metres, rate_of_times
 from mocap.io.movement import of_dataset
-from mocap.io.plausible import plausible
+from mocap.io.plausible import MOST_LIKELY, plausible
 from mocap.pipeline.ideal_pixels import with_ideal_pixels
 from mocap.pipeline.reading import animal, calibration_of, check_rig, complete
 from mocap.pipeline.recording import Recording, dataset_of
@@ -140,6 +140,12 @@ def _recording(
         raise NoRateError(f"{name}: the frame rate is not stated: give `fps`")
     if not contents.seen.any():
         raise FormatError(f"{name}: no marker is ever seen: all {contents.seen.size} samples are NaN")
+    score = np.zeros(0) if contents.score is None else contents.score
+    if (odd := score[(score < 0) | (score > MOST_LIKELY)]).size:  # NaN: the network gave none
+        raise FormatError(
+            f"{name}: a likelihood is {odd[0]:g}, expected 0 to 1, or NaN where there is none: divide all by their "
+            "greatest value, or leave `likelihood` out"
+        )
     called = [("recording", name), *(("marker", one) for one in contents.names), *(("camera", c.name) for c in cameras)]
     for what, one in called:
         if trouble := unfit(one):
@@ -273,6 +279,8 @@ def _cameras(given: Any, unit: str | None) -> tuple[tuple[Camera, ...], str | No
         cameras = tuple(given)
     else:
         try:
+            if np.iscomplexobj(np.asarray(given)):
+                raise TypeError
             values: Any = np.array(given, dtype=np.float64)
         except (TypeError, ValueError):
             values = np.zeros(0)
@@ -282,6 +290,7 @@ def _cameras(given: Any, unit: str | None) -> tuple[tuple[Camera, ...], str | No
             cameras = tuple(Camera(name=f"cam{c + 1}", matrix=one) for c, one in enumerate(values))
         else:
             shape = f"an array of the shape {values.shape}" if values.size else f"{type(given).__name__}"
+            shape = "complex numbers" if np.iscomplexobj(np.asarray(given)) else shape
             raise CalibrationError(
                 f"`cameras` is {shape}, expected (C, 11) DLT coefficients, (C, 3, 4) projections, Camera objects, or a "
                 "calibration file"

@@ -143,7 +143,7 @@ def _film(recording: Recording, first: int) -> Recording:
             "check that coefficients, profile and pixels belong together"
         )
     lasting = persistent_px(matrices, uv, found.xyz_m, relative=worse)
-    audited = audit.audit_filmed(film.cameras, pixels, ideal, rows, first=first)
+    audited = audit.audit_filmed(film.cameras, pixels, ideal, rows, named_px=film.ideal_px, first=first)
     lens_cov, lens = _lens_uncertainty(film, audited, uv)
     bias = ray_bias(matrices, uv, dt_s=film.dt_s, relative=worse)
     bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
@@ -246,6 +246,7 @@ def _positions(recording: Recording, first: int) -> Recording:
     doubtful = named.unsure & ~recording.edited
     xyz = np.where(doubtful[..., None], np.nan, xyz)
     length = "mm" if plane is None else plane.length
+    odd = audit.point_findings(tracks, first=first, measured=plane is None)  # as the file has them
     jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names, first=first, length=length))
     cleaning = cleaned_positions(xyz, sd, tracks.t_s, skeleton, names, certain=recording.edited)
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
@@ -266,6 +267,7 @@ def _positions(recording: Recording, first: int) -> Recording:
         audited=jumps,
         findings=(
             *recording.findings,
+            *odd,
             sentences.position_noise(sd[tracks.seen], plane),
             *jumps,
             *sentences.exchange_findings(swaps, doubtful, names, (), first=first),

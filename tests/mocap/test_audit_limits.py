@@ -35,8 +35,8 @@ def test_a_stored_point_is_stale_beyond_its_print(off_m, stale):
     assert len(stale_points(stored + np.array([off_m, 0, 0]), tracks)) == stale
 
 
-@pytest.mark.parametrize(("size_m", "found"), [(1.6e-3, 1), (2.4e-3, 0), (13.0, 0), (17.0, 1)])
-def test_animals_are_from_two_millimetres_to_fifteen_metres(size_m, found):
+@pytest.mark.parametrize(("size_m", "found"), [(4e-4, 1), (6e-4, 0), (36.0, 0), (44.0, 1)])
+def test_animals_are_from_half_a_millimetre_to_forty_metres(size_m, found):
     """Two markers so far from each other, in three frames."""
     assert len(sizes(np.tile([[0.0, 0, 0], [size_m, 0, 0]], (3, 1, 1)))) == found
 

@@ -97,7 +97,7 @@ class Desk:
         Raises:
             MocapError: it cannot be written, or was changed by another program; nothing is as they say then.
         """
-        if trials == self.trials:
+        if trials == self.trials and self.manifest.is_file():
             return
         if self._written and self.manifest.is_file() and digest(self.manifest) != self._written:
             raise MocapError(

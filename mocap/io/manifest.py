@@ -317,7 +317,7 @@ def occupied(folder: Path, by: str) -> Iterator[None]:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}: choose another place") from None
     finally:
         if handle is not None:
-            with contextlib.suppress(OSError):  # Windows does it when the file is closed
+            with contextlib.suppress(OSError):  # on Windows it stays; what holds the folder is the lock
                 path.unlink()
             os.close(handle)
             if made:
@@ -327,7 +327,7 @@ def occupied(folder: Path, by: str) -> Iterator[None]:
 
 def _hold(path: Path, by: str) -> int | None:
     """A handle of the file that holds a folder; None: the one who had it removed it meanwhile."""
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_TEMPORARY", 0), 0o644)
+    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         if sys.platform == "win32":
             import msvcrt

@@ -87,7 +87,7 @@ class Served:
         """Until Ctrl-C, the end of the parent process, or of the server."""
         with suppress(KeyboardInterrupt):
             while self.thread.is_alive() and os.getppid() == self.parent:
-                self.thread.join(timeout=0.5)
+                time.sleep(0.2)  # a signal during join() has Python 3.11 take the thread for ended
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.smooth_acceleration import SmoothSettings
 
 from eal.plugins import offered
 
@@ -46,6 +47,11 @@ NAMED: dict[str, NamedModel] = {
     "constant_velocity": NamedModel(
         MarkerSettings(), "constant velocity", "Kalman smoother of each marker alone", posed=False
     ),
+    "smooth_acceleration": NamedModel(
+        SmoothSettings(), "smooth acceleration",
+        "Kalman smoother of each marker alone, as smooth, quick and noisy as the recording shows", posed=False,
+        beside=("constant_velocity",),
+    ),
     **ELSEWHERE,
 }  # fmt: skip
 MODELS: dict[str, type[TrajectoryModel]] = {
@@ -53,6 +59,7 @@ MODELS: dict[str, type[TrajectoryModel]] = {
     "constant velocity": MarkerSettings,
     "lasting acceleration": LastingSettings,
     "pose": PoseSettings,
+    "smooth acceleration": SmoothSettings,
     **{name: type(one.settings) for name, one in ELSEWHERE.items()},
 }
 """By the names that model files have for them."""

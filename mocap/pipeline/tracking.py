@@ -53,11 +53,23 @@ def seen_part(recording: Recording) -> Recording:
     return recording.at(seen_frames(recording)).only(np.flatnonzero(ever))
 
 
+FEWEST = 4
+"""Markers of a pose."""
+
+
+def each_alone(part: Recording) -> str:
+    """The model, by its name in the registry, that follows each marker by itself where no pose can be learned.
+
+    Of fewer markers than a pose has they are all that is known, and their accelerations are asked for.
+    """
+    return "constant_velocity" if np.isfinite(part.xyz_m[..., 0]).any(axis=0).sum() >= FEWEST else "smooth_acceleration"
+
+
 def why_no_pose(part: Recording) -> str | None:
     """Why a whole-pose model cannot be learned from the seen part of a recording; None where it can."""
     seen = np.isfinite(part.xyz_m[..., 0])
-    if seen.shape[1] < 4:
-        return f"only {seen.shape[1]} markers are seen: a pose needs at least 4"
+    if seen.shape[1] < FEWEST:
+        return f"only {seen.shape[1]} markers are seen: a pose needs at least {FEWEST}"
     spread = np.nanstd(part.xyz_m, axis=0)
     noise = np.sqrt(np.nanmedian(np.trace(part.cov_m2, axis1=-2, axis2=-1)) / 3) / part.stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
@@ -279,6 +291,7 @@ def motion_of(
     own = np.full((steps, n, 6, 6), np.nan, dtype=np.float32)
     pairs = np.array(rate_points.pairs if rates is not None else (), dtype=np.int64).reshape(-1, 2)
     cross = np.full((steps, len(pairs), 6, 6), np.nan, dtype=np.float32)
+    accelerated: dict[str, Any] = {}
     if rates is not None:
         here = np.array([rate_points.names.index(name) for name in rates.rate_points.names])
         inside = np.ix_(np.arange(steps)[frames], here)
@@ -305,6 +318,12 @@ def motion_of(
         left = left_m_s * np.ones((steps, count, 3))
         own[..., 3:, 3:] += 0.5 * np.einsum("nm,tmi,tmj->tnij", weights**2, left, left, optimize=True)
         velocity[lost] = np.nan
+        if rates.acceleration_m_s2 is not None and rates.acceleration_cov is not None:
+            acceleration = np.full((steps, n, 3), np.nan)
+            spread = np.full((steps, n, 3, 3), np.nan, dtype=np.float32)
+            acceleration[inside], spread[inside] = rates.acceleration_m_s2, rates.acceleration_cov
+            acceleration[lost], spread[lost] = np.nan, np.nan
+            accelerated = {"acceleration_m_s2": acceleration, "acceleration_cov": spread}
     return Motion(
         names=rate_points.names,
         t_s=markers.t_s,
@@ -315,6 +334,7 @@ def motion_of(
         cross=cross,
         kept=kept,
         measured=~other & ~lost,
+        **accelerated,
     )
 
 

@@ -12,6 +12,7 @@ from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import MODELS
+from mocap.filters.models.smooth_acceleration import SmoothSettings
 from mocap.filters.observations import PositionObservations
 
 from mocap.pipeline.model_file import read, written
@@ -23,6 +24,7 @@ EXAMPLES = {
     "constant velocity": MarkerSettings(acceleration=0.1),
     "lasting acceleration": LastingSettings(),
     "pose": POSE,
+    "smooth acceleration": SmoothSettings(free=(1, 3)),
 }
 
 

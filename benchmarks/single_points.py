@@ -3,12 +3,13 @@
     python -m benchmarks.single_points [--quick] [--seeds 0 1 ...] --out DIR
 
 Points whose accelerations are known are tracked as users track them: a simulated swallow, a mosquito and a dropped
-ball, whole and with gaps, and the field's own measurement (Pezzack, Norman & Winter 1977, J. Biomech. 10, 377: an angle,
-here as a point on an arm of 1 m, and its angular acceleration by an accelerometer), noisy and raw. ``DIR/table.csv`` has
-a row for each recording and method: RMS error of the acceleration, over that of the quintic spline whose smoothing is
-best in hindsight, z = rms(error / stated standard deviation), the share inside 95 % intervals. Of the measurement a
-second row has the accelerometer half a frame earlier, which agrees best with the film. ``DIR/spread.csv`` has 10, 50 and
-90 % over recordings of each kind.
+ball, whole and with gaps, and the field's own measurement (Pezzack, Norman & Winter 1977, J. Biomech. 10, 377): an
+angle, here as a point on an arm of 1 m, and its angular acceleration by an accelerometer, noisy and raw.
+``DIR/table.csv`` has a row for each recording and method: RMS error of the acceleration, over that of the quintic
+spline whose smoothing is best in hindsight, z = rms(error / stated standard deviation), the share inside 95 %
+intervals. Of the measurement a second row has the accelerometer half a frame earlier, where it agrees best with the
+film.
+``DIR/spread.csv`` has 10, 50 and 90 % over recordings of each kind.
 """
 
 import argparse
@@ -112,7 +113,7 @@ def measured(path: Path) -> Iterator[Point]:
 def with_gaps(point: Point) -> Point:
     """Ten frames of every fifty are not seen."""
     xyz = point.xyz_m.copy()
-    xyz[np.arange(len(xyz)) % 50 >= 40] = np.nan
+    xyz[(np.arange(len(xyz)) + 20) % 50 >= 40] = np.nan  # not at the ends
     return Point(name=f"{point.name.replace(' ', ', gaps ')}", t_s=point.t_s, xyz_m=xyz, truth=point.truth)
 
 
@@ -203,11 +204,8 @@ def main() -> None:
     options.add_argument("--out", type=Path, required=True)
     given = options.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    points = [
-        flight(kind, seed)
-        for kind in ("swallow", "mosquito", "ball")
-        for seed in given.seeds[: 1 if given.quick else None]
-    ]
+    seeds = given.seeds[:1] if given.quick else given.seeds
+    points = [flight(kind, seed) for kind in ("swallow", "mosquito", "ball") for seed in seeds]
     points += [with_gaps(point) for point in points]
     angle = folder() / "angle_with_acceleration" / "angle.txt"
     points += list(measured(angle)) if angle.is_file() else []

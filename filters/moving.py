@@ -26,6 +26,8 @@ class Rates:
         own: (T, N, 6, 6) float32.
         cross: (T, P, 6, 6) float32.
         kept: (T, N, 3).
+        acceleration_m_s2: (T, N, 3); None: accelerations are no part of the model's state.
+        acceleration_cov: (T, N, 3, 3) float32, covariance of each; None: so.
     """
 
     rate_points: RatePoints
@@ -33,6 +35,8 @@ class Rates:
     own: NDArray[np.float32]
     cross: NDArray[np.float32]
     kept: Array
+    acceleration_m_s2: Array | None = None
+    acceleration_cov: NDArray[np.float32] | None = None
 
 
 @dataclass(eq=False)
@@ -50,6 +54,8 @@ class RateKeeper:
     _own: list[NDArray] = field(default_factory=list)
     _cross: list[NDArray] = field(default_factory=list)
     _kept: dict[int, Array] = field(default_factory=dict)
+    _accelerations: list[Array] = field(default_factory=list)
+    _their_cov: list[NDArray] = field(default_factory=list)
     _ahead: list[tuple[Frame, Array, Array]] = field(default_factory=list)
 
     @cached_property
@@ -93,6 +99,13 @@ class RateKeeper:
         self._velocity.append(self._weights @ velocity)
         self._own.append(own.astype(np.float32))
         self._cross.append(cross.astype(np.float32))
+        accelerated = self.model.accelerations(state.mean, frame)
+        if accelerated is not None:
+            of, rows = accelerated
+            gains, left = _through(rows, state.filtered, state.matrix)
+            self._accelerations.append(self._weights @ of)
+            alone = (gains @ left.swapaxes(1, 2)).reshape(len(of), 9)
+            self._their_cov.append((self._weights**2 @ alone).reshape(-1, 3, 3).astype(np.float32))
         if frame % EVERY not in (0, 1, 2):
             return
         speed, cov = _speeds(jacobian), filtered.state.cov
@@ -137,6 +150,8 @@ class RateKeeper:
             own=np.array(self._own[::-1]),
             cross=np.array(self._cross[::-1]),
             kept=kept,
+            acceleration_m_s2=np.array(self._accelerations[::-1]) if self._accelerations else None,
+            acceleration_cov=np.array(self._their_cov[::-1]) if self._their_cov else None,
         )
 
 

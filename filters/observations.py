@@ -271,3 +271,18 @@ def some_markers(observations: Observations, markers: NDArray[np.int64]) -> Obse
             by_hand=None if observations.by_hand is None else observations.by_hand[:, :, markers],
         )
     raise TypeError(f"expected pixels or positions, not {type(observations).__name__}")
+
+
+def noisier(observations: Observations, factor: float) -> Observations:
+    """What is seen, with all standard deviations of its noise so many times as large.
+
+    Raises:
+        TypeError: observations of a kind whose noise is not known.
+    """
+    if isinstance(observations, WithBodies):
+        return replace(observations, seen=noisier(observations.seen, factor))
+    if isinstance(observations, PositionObservations):
+        return replace(observations, sd_m=factor * observations.sd_m)
+    if isinstance(observations, PixelObservations):
+        return replace(observations, sd_px=factor * observations.sd_px, cov_m2=factor**2 * observations.cov_m2)
+    raise TypeError(f"expected pixels or positions, not {type(observations).__name__}")

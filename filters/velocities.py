@@ -57,6 +57,8 @@ class Motion:
             do not share. It is computed from the covariances of frames with those before them (lag one, applied
             twice) in every eighth frame and interpolated between.
         measured: (T, N) True where all that a point rests on was measured in that frame.
+        acceleration_m_s2: (T, N, 3) accelerations; None: they are no part of the model's state.
+        acceleration_cov: (T, N, 3, 3) covariance of each; None: so.
     """
 
     names: tuple[str, ...]
@@ -68,6 +70,8 @@ class Motion:
     cross: OverTime[NDArray[np.float32]]
     kept: OverTime[Array]
     measured: OverTime[NDArray[np.bool_]]
+    acceleration_m_s2: OverTime[Array | None] = None
+    acceleration_cov: OverTime[NDArray[np.float32] | None] = None
 
     __repr__ = short_repr
 
@@ -76,6 +80,7 @@ class Motion:
         count, steps = len(self.names), len(self.t_s)
         own = np.asarray(self.own)  # where two cameras hardly see depth, a smoother's products round at 1e-6 of it
         object.__setattr__(self, "own", 0.5 * (own + np.swapaxes(own, -1, -2)))
+        known = self.acceleration_m_s2 is not None
         for name, shape, kind in (
             ("t_s", (steps,), np.float64),
             ("xyz_m", (steps, count, 3), np.float64),
@@ -85,6 +90,8 @@ class Motion:
             ("cross", (steps, len(self.pairs), 6, 6), np.float32),
             ("kept", (steps, count, 3), np.float64),
             ("measured", (steps, count), np.bool_),
+            *((("acceleration_m_s2", (steps, count, 3), np.float64),) if known else ()),
+            *((("acceleration_cov", (steps, count, 3, 3), np.float32),) if known else ()),
         ):
             object.__setattr__(self, name, frozen(name, getattr(self, name), shape, dtype=kind))
 
@@ -159,6 +166,11 @@ def with_means(motion: Motion, rate_points: RatePoints) -> Motion:
     own = [motion.own[:, index]]
     measured = [motion.measured[:, index]]
     means_x, means_v, kept = [x], [v], [motion.kept[:, index]]
+    accelerated: dict[str, Array | NDArray[np.float32]] = {}
+    if motion.acceleration_m_s2 is not None and motion.acceleration_cov is not None:  # of markers by themselves
+        accelerated["acceleration_m_s2"] = np.einsum("nm,tmi->tni", weights, motion.acceleration_m_s2[:, index])
+        spread = np.einsum("nm,tmij->tnij", weights**2, motion.acceleration_cov[:, index])
+        accelerated["acceleration_cov"] = spread.astype(np.float32)
     for row in weights[count:]:
         used = np.flatnonzero(row)
         joint, _ = motion.joint([index[int(i)] for i in used])
@@ -180,4 +192,5 @@ def with_means(motion: Motion, rate_points: RatePoints) -> Motion:
         cross=motion.cross[:, inside],
         kept=np.concatenate(kept, axis=1),
         measured=np.concatenate(measured, axis=1),
+        **accelerated,
     )

@@ -147,7 +147,6 @@ SLOW = {
     "mocap/web/test_web_server.py": 8,
     "test_installed.py": 40,
     "test_plugins.py": 20,
-    "test_plugins.py": 4,
     "test_satellites.py": 70,
     "test_time_limit.py": 4,
 }

@@ -117,7 +117,7 @@ def learn_constant_velocity(
             taken: one short recording may show it at rest (docs/experiments/marker_noise.md).
         settings: Choices.
     """
-    start, extent = _start(xyz_m)
+    start, extent = start_of(xyz_m)
     density = _usual(marker_density, (*others, xyz_m), dt_s)
     speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / dt_s
     speed_sd = float(np.sqrt(np.mean(speed[np.isfinite(speed)] ** 2))) if np.isfinite(speed).any() else 1.0
@@ -135,7 +135,7 @@ def learn_lasting(xyz_m: Array, *, dt_s: float, others: Sequence[Array] = ()) ->
         dt_s: Time step.
         others: Other recordings of the same markers and rate.
     """
-    start, extent = _start(xyz_m)
+    start, extent = start_of(xyz_m)
     mean = _usual(marker_motion, (*others, xyz_m), dt_s)
     usual = np.nanmedian(mean, axis=0) if np.isfinite(mean).any() else np.array([1.0, 1.0 / dt_s])
     velocity, acceleration = np.maximum(np.where(np.isfinite(mean), mean, usual), 1e-6).T
@@ -148,7 +148,7 @@ def learn_lasting(xyz_m: Array, *, dt_s: float, others: Sequence[Array] = ()) ->
     )
 
 
-def _start(xyz_m: Array) -> tuple[Array, float]:
+def start_of(xyz_m: Array) -> tuple[Array, float]:
     """(M, 3) first positions, amid the others of markers that are never seen; and the deviation of a coordinate."""
     every = xyz_m.reshape(-1, 3)
     start = xyz_m[np.argmax(np.isfinite(xyz_m[..., 0]), axis=0), np.arange(xyz_m.shape[1])]

@@ -37,6 +37,13 @@ OURS: dict[str, NamedModel[None]] = {
         None, "Lagrangian", "joint angles moved by the forces of the animal's masses", beside=("eal", "articulated")
     ),
     "constant_velocity": NamedModel(None, "constant velocity", "Kalman smoother of each marker alone", posed=False),
+    "smooth_acceleration": NamedModel(
+        None,
+        "smooth acceleration",
+        "Kalman smoother of each marker alone, as smooth, quick and noisy as the recording shows",
+        posed=False,
+        beside=("constant_velocity",),
+    ),
 }
 """Those of this program, without their settings."""
 ELSEWHERE: dict[str, NamedModel] = offered("mocap.models", NamedModel)

@@ -10,6 +10,7 @@ from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettin
 from mocap.filters.models.lagrangian import LagrangianSettings
 from mocap.filters.models.named import ELSEWHERE, OURS, NamedModel
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.smooth_acceleration import SmoothSettings
 
 __all__ = ["MODELS", "NAMED", "NamedModel"]
 
@@ -18,6 +19,7 @@ _SETTINGS: dict[str, TrajectoryModel] = {
     "articulated": ArticulatedSettings(),
     "lagrangian": LagrangianSettings(),
     "constant_velocity": MarkerSettings(),
+    "smooth_acceleration": SmoothSettings(),
 }
 NAMED: dict[str, NamedModel[TrajectoryModel]] = {
     **{name: NamedModel(_SETTINGS[name], *one[1:]) for name, one in OURS.items()},
@@ -29,6 +31,7 @@ MODELS: dict[str, type[TrajectoryModel]] = {
     "lagrangian": LagrangianSettings,
     "lasting acceleration": LastingSettings,
     "pose": PoseSettings,
+    "smooth acceleration": SmoothSettings,
     **{name: type(one.settings) for name, one in ELSEWHERE.items()},
 }
 """By the names that model files have for them."""

@@ -160,6 +160,20 @@ class MotionModel(ABC):
         """
         return None
 
+    def accelerations(self, mean: Array, frame: int) -> tuple[Array, Array] | None:  # noqa: ARG002
+        """Accelerations of the markers, and how they depend on the state; None: they are no part of it, here.
+
+        Only of models of each marker by itself.
+
+        Args:
+            mean: (M, n) means of the states.
+            frame: Which frame they are of.
+
+        Returns:
+            (M, 3) accelerations in m/s^2, and their (M, 3, n) Jacobian.
+        """
+        return None
+
     def angles_of(self, state: Smoothed) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Mean and standard deviation of the joint angles of a state; None: it has none, here."""
         return None

@@ -12,9 +12,9 @@ from mocap.kinematics.bodies import joint_quantities
 from mocap.kinematics.delta import (
     Naming,
     Points,
+    acceleration,
     called,
     central,
-    change,
     change_sd,
     edges,
     made,
@@ -148,8 +148,8 @@ def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:
     ]
     out += [*parts, of_velocity(points, lambda v: angles.length(v[:, 0]), named("speed", "m_s", "speed"))]
     changes = [
-        change(part, points, named(f"acceleration_{axis}", "m_s2", f"acceleration along {axis}"))
-        for axis, part in zip("xyz", parts, strict=True)
+        acceleration(points, k, named(f"acceleration_{axis}", "m_s2", f"acceleration along {axis}"), part)
+        for k, (axis, part) in enumerate(zip("xyz", parts, strict=True))
     ]
     vector, deviation = (np.stack([getattr(c, field) for c in changes], axis=1) for field in ("value", "sd"))
     size = angles.length(vector)

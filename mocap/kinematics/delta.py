@@ -232,3 +232,13 @@ def change(rate: Quantity, points: Points, naming: Naming) -> Quantity:
     t_s = points.motion.t_s
     sd = change_sd(t_s, rate.sd, points.kept)
     return called(naming, rate.markers, central(t_s, rate.value), sd, edges(rate.rests))
+
+
+def acceleration(points: Points, axis: int, naming: Naming, velocity: Quantity) -> Quantity:
+    """Of one point along an axis: the state's own, where the model has it; else how its velocity changes."""
+    motion, index = points.motion, points.motion.index(points.names[0])
+    if motion.acceleration_m_s2 is None or motion.acceleration_cov is None:
+        return change(velocity, points, naming)
+    variance = motion.acceleration_cov[:, index, axis, axis].astype(float)
+    value, sd = motion.acceleration_m_s2[:, index, axis], np.sqrt(np.maximum(variance, 0.0))
+    return called(naming, points.names, value, sd, points.rests)

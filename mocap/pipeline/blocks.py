@@ -24,7 +24,7 @@ from mocap.pipeline.job import track_part
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.reading import animal
 from mocap.pipeline.recording import Recording, dataset, of_points
-from mocap.pipeline.tracking import motion_of, of_tracks, seen_part, why_no_pose
+from mocap.pipeline.tracking import each_alone, motion_of, of_tracks, seen_part, why_no_pose
 from mocap.progress import Stages
 from mocap.records import Status, marker_tracks
 from mocap.text import as_text
@@ -174,7 +174,7 @@ def track_block(
         return empty, replace(empty, findings=cleaned.findings), own, {}
     posed = why_no_pose(seen_part(cleaned)) is None
     if not posed and NAMED[model].posed:
-        model = "constant_velocity"
+        model = each_alone(seen_part(cleaned))
     if excerpts and learned is not None:
         begin, end = part.t_s[0], part.t_s[-1]
         learned = replace(learned, trials=tuple(t for t in learned.trials if t.t_s[-1] < begin or t.t_s[0] > end))

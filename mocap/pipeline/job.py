@@ -24,6 +24,7 @@ from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import Counts, make_report, readable
 from mocap.pipeline.tracking import (
+    each_alone,
     learn_motion,
     marker_trial,
     seen_part,
@@ -79,7 +80,8 @@ def run_job(
     Args:
         source: The recording, cleaned or not.
         model: Of ``mocap.filters.models.registry.NAMED``; a ``mixture`` of ``eal`` and constant velocity, or
-            (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
+            (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better; of fewer
+            than four markers each by itself (``each_alone``).
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         validated: Whether to hide samples and measure how they are filled.
@@ -129,10 +131,11 @@ def track_part(
             part = seen_part(recording)
     if watch is not None:
         with stages.stage("filter live"):
-            alone = model if model in NAMED else "eal" if posed else "constant_velocity"
+            alone = model if model in NAMED else "eal" if posed else each_alone(part)
             watch(recording, part, learn_motion(part, NAMED[alone].settings).motion)
     mixing = learned is None and posed and model not in NAMED
-    beside = _compared(model, reason, mixing=mixing) if validated else None
+    single = each_alone(part)
+    beside = _compared(model, reason, single, mixing=mixing) if validated else None
     mixed, scores = None, {}
     if mixing or learned is not None:
         with stages.stage("track with a mixture of models" if mixing else "track") as progress:
@@ -143,7 +146,7 @@ def track_part(
     elif beside:
         with stages.stage("validate on hidden samples") as progress:
             scores = filled_alone(trial_set(part), beside, seed=seed, progress=progress, call_all=call_all)
-    name, why = _choose(model, reason, scores)
+    name, why = _choose(model, reason, single, scores)
     if learned is not None:
         name, why = "learned", _learned_from(learned, part)
     smoothed, own = None if mixed is None or name in NAMED else mixed.markers, None
@@ -166,14 +169,15 @@ def _prepared(
         reason = why_no_pose(part)
         learned = None if learned is None else renamed(learned, recording.skeleton.renamed(learned.names))
     if reason is not None and (model == "mixture" or (model in NAMED and NAMED[model].posed)):
-        raise MocapError(f"{recording.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
+        raise MocapError(f"{recording.name}: no EAL model can be learned: {reason}; use `model` {each_alone(part)}")
     return recording, part, reason, learned
 
 
-def _compared(model: str, reason: str | None, *, mixing: bool) -> dict[str, TrajectoryModel]:
+def _compared(model: str, reason: str | None, single: str, *, mixing: bool) -> dict[str, TrajectoryModel]:
     """Models that fill hidden gaps, too, beside a mixture; of a model alone, this is one of them."""
     names = {model, *NAMED[model].beside} if model in NAMED else set() if mixing else {"eal"}
     names |= {"constant_velocity"} if model == "auto" or reason is not None else set()
+    names |= {single} if model == "auto" and reason is not None else set()
     posed = reason is None
     return {name: one.settings for name, one in NAMED.items() if name in names and (posed or not one.posed)}
 
@@ -231,12 +235,12 @@ def _learned_from(learned: LearnedModel, part: Recording) -> str:
     return f"learned from {', '.join(used) or 'no other'}{scaled}{left_out}"
 
 
-def _choose(model: str, reason: str | None, scores: Mapping[str, Score]) -> tuple[str, str]:
+def _choose(model: str, reason: str | None, single: str, scores: Mapping[str, Score]) -> tuple[str, str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"
     if reason is not None:
-        return "constant_velocity", reason
+        return single, reason
     mixture, steady = scores.get("mixture"), scores.get("constant_velocity")
     if mixture is None or steady is None:
         return "mixture", "the default"

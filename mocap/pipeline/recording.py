@@ -48,8 +48,10 @@ MOTION = {
     "pair_covariance": "cross",
     "velocity_change": "kept",
     "measured": "measured",
+    "acceleration": "acceleration_m_s2",
+    "acceleration_covariance": "acceleration_cov",
 }
-"""Variables of the fields of ``Motion``."""
+"""Variables of the fields of ``Motion``; the last two where a model has accelerations."""
 TOGETHER = {"point": ("pair",), "angle": ("energy",), "limb": ("x", "y", "sample")}
 """Dimensions that are renewed with another one."""
 
@@ -412,12 +414,13 @@ class Recording:
     @cached_property
     def motion(self) -> Motion:
         """Markers, the body and the centre of mass, with velocities and joint covariances."""
-        parts = {of: self.data[name].values for name, of in MOTION.items()}
+        parts = {of: self.data[name].values for name, of in MOTION.items() if name in self.data}
         return Motion(names=tuple(self.data["point"].values.tolist()), t_s=self.t_s, **parts)
 
     def with_motion(self, motion: Motion) -> "Recording":
         """The same with these points, their velocities and covariances, in place of others."""
-        return self.having({"point": motion.names}, **{name: getattr(motion, of) for name, of in MOTION.items()})
+        values = {name: getattr(motion, of) for name, of in MOTION.items()}
+        return self.having({"point": motion.names}, **{name: of for name, of in values.items() if of is not None})
 
     @property
     def angles(self) -> xr.Dataset | None:

@@ -56,6 +56,22 @@ def seen_part(recording: Recording) -> Recording:
     return recording.at(seen_frames(recording)).only(np.flatnonzero(ever))
 
 
+POSE_MARKERS = 4
+"""Markers of a pose."""
+
+
+def each_alone(part: Recording) -> str:
+    """The model, by its name in the registry, that follows each marker by itself where no pose can be learned.
+
+    Of fewer markers than a pose has they are all that is known, and their accelerations are asked for.
+    """
+    return (
+        "constant_velocity"
+        if np.isfinite(part.xyz_m[..., 0]).any(axis=0).sum() >= POSE_MARKERS
+        else "smooth_acceleration"
+    )
+
+
 def why_no_pose(part: Recording) -> str | None:
     """Why a whole-pose model cannot be learned from the seen part of a recording; None where it can."""
     seen = np.isfinite(part.xyz_m[..., 0])
@@ -284,6 +300,7 @@ def motion_of(
     own = np.full((steps, n, 6, 6), np.nan, dtype=np.float32)
     pairs = np.array(rate_points.pairs if rates is not None else (), dtype=np.int64).reshape(-1, 2)
     cross = np.full((steps, len(pairs), 6, 6), np.nan, dtype=np.float32)
+    accelerated: dict[str, Any] = {}
     if rates is not None:
         here = np.array([rate_points.names.index(name) for name in rates.rate_points.names])
         inside = np.ix_(np.arange(steps)[frames], here)
@@ -310,6 +327,12 @@ def motion_of(
         left = left_m_s * np.ones((steps, count, 3))
         own[..., 3:, 3:] += 0.5 * np.einsum("nm,tmi,tmj->tnij", weights**2, left, left, optimize=True)
         velocity[lost] = np.nan
+        if rates.acceleration_m_s2 is not None and rates.acceleration_cov is not None:
+            acceleration = np.full((steps, n, 3), np.nan)
+            spread = np.full((steps, n, 3, 3), np.nan, dtype=np.float32)
+            acceleration[inside], spread[inside] = rates.acceleration_m_s2, rates.acceleration_cov
+            acceleration[lost], spread[lost] = np.nan, np.nan
+            accelerated = {"acceleration_m_s2": acceleration, "acceleration_cov": spread}
     return Motion(
         names=rate_points.names,
         t_s=markers.t_s,
@@ -320,6 +343,7 @@ def motion_of(
         cross=cross,
         kept=kept,
         measured=~other & ~lost,
+        **accelerated,
     )
 
 

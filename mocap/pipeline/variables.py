@@ -96,6 +96,8 @@ VARIABLES: Mapping[str, Variable] = {
     "velocity_change": Variable(
         (*POINT, "space"), "", "track", "variance of v(t+1) - v(t-1) over the sum of the variances of both"
     ),
+    "acceleration": Variable((*POINT, "space"), "m/s2", "track", "of the same points, where the model has it"),
+    "acceleration_covariance": Variable((*POINT, "space", "space_to"), "", "track", "of each acceleration"),
     "measured": Variable(POINT, "", "track", "points of which all that they rest on was measured", TRUTH),
     "joint_world": Variable(("time", "joint", "space"), "m", "track", "child of a joint from its centre"),
     "joint_body": Variable(("time", "joint", "space"), "m", "track", "the same in the axes of the trunk"),

@@ -13,6 +13,7 @@ from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettin
 from mocap.filters.models.lagrangian import LagrangianSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import MODELS
+from mocap.filters.models.smooth_acceleration import SmoothSettings
 from mocap.filters.observations import PositionObservations
 
 from mocap.pipeline.model_file import read, written
@@ -25,6 +26,7 @@ EXAMPLES = {
     "lagrangian": LagrangianSettings(pose=replace(POSE, potential="limbs"), trunk=300.0),
     "lasting acceleration": LastingSettings(),
     "pose": POSE,
+    "smooth acceleration": SmoothSettings(free=(1, 3)),
 }
 
 

@@ -56,10 +56,6 @@ def seen_part(recording: Recording) -> Recording:
     return recording.at(seen_frames(recording)).only(np.flatnonzero(ever))
 
 
-POSE_MARKERS = 4
-"""Markers of a pose."""
-
-
 def each_alone(part: Recording) -> str:
     """The model, by its name in the registry, that follows each marker by itself where no pose can be learned.
 

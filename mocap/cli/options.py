@@ -87,6 +87,14 @@ Jobs = Annotated[
         min=1, envvar="MOCAP_JOBS", help="Processes, each with its own memory. Default: one per core, at most 4."
     ),
 ]
+LimitS = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001,
+        help="Seconds that a trial may take, and reading a file at most; what takes longer is left, and the others are "
+        "done. Default: an hour for a trial and a minute for a file, and more by their size.",
+    ),
+]
 
 PANELS = {
     "Files": {"tracks": "FILE", "fps": "HZ", "unit": "UNIT"},
@@ -113,6 +121,7 @@ PANELS = {
         "validate": "",
         "blocks": "FRAMES",
         "jobs": "N",
+        "limit_s": "SECONDS",
         "as_json": "",
     },
 }

@@ -124,6 +124,7 @@ def _made(packed: bytes, pipe: Connection) -> Any:
 
     try:
         call, heard = pickle.loads(packed)
+        pipe.send(("begun", None))  # what it needs has been imported: now its time runs
         return ForkingPickler.dumps(("gave", call(progress=tell if heard else None)))
     except BaseException as error:  # a call ends its process by no means: others follow
         error.add_note("".join(traceback.format_exception(error)))
@@ -147,6 +148,7 @@ class Worker:
         ready: Whether it has started.
         until_s: When it has taken too long to start, or for its call.
         call: The name of its call; None: it has none.
+        limit_s: Seconds that the call may take.
     """
 
     process: BaseProcess
@@ -154,6 +156,7 @@ class Worker:
     ready: bool = False
     until_s: float = field(default_factory=lambda: monotonic() + START_S)
     call: Any = None
+    limit_s: float = inf
 
     @classmethod
     def started(cls, context: BaseContext, *, daemon: bool = True) -> "Worker":
@@ -180,12 +183,12 @@ class Worker:
 
     def send(self, name: Any, call: Call, *, hears: bool, limit_s: float = inf) -> None:
         """Give it a call; it is ``ready`` and has none."""
-        self.call, self.until_s = name, monotonic() + limit_s
+        self.call, self.limit_s, self.until_s = name, limit_s, monotonic() + START_S
         with suppress(OSError):  # it has died: ``messages`` tells
             self.pipe.send_bytes(ForkingPickler.dumps((call, hears)))
 
     def messages(self) -> Iterator[tuple[str, Any]]:
-        """What it sends: ``ready``, ``said``, at the end of its call ``gave`` or ``raised``; ``died``: it is gone."""
+        """What it sent: ``ready``, ``said``, at the end of its call ``gave`` or ``raised``; ``died``: it is gone."""
         while True:
             try:
                 if not self.pipe.poll():
@@ -194,6 +197,9 @@ class Worker:
             except (EOFError, OSError):
                 yield "died", None
                 return
+            if kind == "begun":
+                self.until_s = monotonic() + self.limit_s
+                continue
             if kind != "said":
                 self.ready, self.call, self.until_s = True, None, inf
             yield kind, what

@@ -116,6 +116,7 @@ class Unreadable(Exception):
     """Its pickle names one argument and it takes two."""
 
     def __init__(self, one, two):
+        """With both."""
         super().__init__(one + two)
 
 

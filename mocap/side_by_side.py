@@ -146,6 +146,7 @@ class Worker:
         process: It.
         pipe: To it.
         ready: Whether it has started.
+        begun: Whether it has begun its call.
         until_s: When it has taken too long to start, or for its call.
         call: The name of its call; None: it has none.
         limit_s: Seconds that the call may take.
@@ -154,6 +155,7 @@ class Worker:
     process: BaseProcess
     pipe: Connection
     ready: bool = False
+    begun: bool = False
     until_s: float = field(default_factory=lambda: monotonic() + START_S)
     call: Any = None
     limit_s: float = inf
@@ -183,7 +185,7 @@ class Worker:
 
     def send(self, name: Any, call: Call, *, hears: bool, limit_s: float = inf) -> None:
         """Give it a call; it is ``ready`` and has none."""
-        self.call, self.limit_s, self.until_s = name, limit_s, monotonic() + START_S
+        self.call, self.begun, self.limit_s, self.until_s = name, False, limit_s, monotonic() + START_S
         with suppress(OSError):  # it has died: ``messages`` tells
             self.pipe.send_bytes(ForkingPickler.dumps((call, hears)))
 
@@ -198,7 +200,7 @@ class Worker:
                 yield "died", None
                 return
             if kind == "begun":
-                self.until_s = monotonic() + self.limit_s
+                self.begun, self.until_s = True, monotonic() + self.limit_s
                 continue
             if kind != "said":
                 self.ready, self.call, self.until_s = True, None, inf

@@ -96,6 +96,22 @@ LimitS = Annotated[
     ),
 ]
 
+UntilIdle = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001,
+        metavar="MINUTES",
+        help="End the page when it was not used for so long, and nothing is being tracked. Default: it stays until its "
+        "button End, Ctrl-C or another signal.",
+    ),
+]
+
+
+def seconds(minutes: float | None) -> float | None:
+    """Of minutes; None stays."""
+    return None if minutes is None else 60.0 * minutes
+
+
 PANELS = {
     "Files": {"tracks": "FILE", "fps": "HZ", "unit": "UNIT"},
     "Cameras": {"calibration": "FILE", "profile": "FILE", "fit_lens": "", "video": "FILE"},

@@ -108,12 +108,9 @@ def look(path: Path, hints: Hints, *, progress: object = None) -> Look:
     """Look at a file; whatever goes wrong is told of it, and stops no other."""
     del progress
     try:
-        found, name = _role(path, hints)
-        pixels = found in ("tracks", "view") and _are_pixels(path, name, hints)
-        cameras = camera_names(path) if found == "calibration" else ()
+        return _look(path, hints)
     except Exception as error:
         return Look(role="unknown", format=why_failed(error))
-    return Look(role=found, format=name, pixels=pixels, cameras=cameras)
 
 
 def looks(paths: Sequence[Path], hints: Hints, *, pool: Pool, limit_s: float | None) -> dict[Path, Look]:
@@ -143,52 +140,48 @@ def _limit_of(*paths: Path, limit_s: float | None) -> float:
 
 def _why_lost(lost: Lost, limit_s: float) -> str:
     if lost.why == "time":
-        return f"was not read within {limit_s:.0f} s, and was left out"
+        return f"was not read within {limit_s:.0f} s, and was left out: if it only needs longer, give `limit_s`"
     return f"the process that reads it ended twice ({lost}): it is damaged, or what reads it has an error"
 
 
-def _role(path: Path, hints: Hints) -> tuple[Role, str]:
+def _look(path: Path, hints: Hints) -> Look:
     try:
         name = identify(path, hints).name
     except MocapError as error:
         if path.suffix.lower() == ".toml":
-            return ("skeleton", "") if _is_skeleton(path) else ("none", "")
+            return Look(role="skeleton") if _is_skeleton(path) else NOTHING
         if _TRIAL.search(path.name):
-            return "tracks", str(error)  # and its error is told when it is tracked
-        return ("none", "") if path.suffix.lower() == ".txt" or has_crops(path) else ("unknown", str(error))
+            return Look(role="tracks", format=str(error))  # and its error is told when it is tracked
+        quiet = path.suffix.lower() == ".txt" or has_crops(path)
+        return NOTHING if quiet else Look(role="unknown", format=str(error))
     if name in CALIBRATIONS:
-        return "calibration", name
+        return Look(role="calibration", format=name, cameras=camera_names(path))
     if name in VIEWS:
-        return "view", name
+        return Look(role="view", format=name)
     if name == "csv":
         return _by_content(path, name, hints)
     if name == "camera-profile":
-        return "profile", name
+        return Look(role="profile", format=name)
     if name in SPARSE and not re.search(r"xyz?pts\.tsv$", path.name, re.IGNORECASE):
-        return "none", name
-    return ("tracks", name) if name in TRACKS else _by_content(path, name, hints)
+        return Look(role="none", format=name)
+    if name not in TRACKS:
+        return _by_content(path, name, hints)
+    return Look(role="tracks", format=name, pixels=name in PIXELS or (name in SPARSE and "xypts" in path.name.lower()))
 
 
-def _by_content(path: Path, name: str, hints: Hints) -> tuple[Role, str]:
+def _by_content(path: Path, name: str, hints: Hints) -> Look:
     """A file is to a batch what ``mocap track`` reads it as; a table whose columns are stated is a trial."""
+    plain = name == "csv"
     try:
         found = read(path, hints)
     except MocapError as error:
-        plain = name == "csv"
-        return ("tracks", name) if hints.columns and plain else ("unknown" if plain else "none", str(error))
+        if hints.columns and plain:
+            return Look(role="tracks", format=name)
+        return Look(role="unknown" if plain else "none", format=str(error))
     if found.pixels is not None:
-        return ("view" if len(found.camera_names) == 1 else "tracks"), name
-    return ("tracks" if found.points is not None else "none"), name
-
-
-def _are_pixels(path: Path, format: str, hints: Hints) -> bool:
-    if format in TRACKS or not format:
-        return format in PIXELS or (format in SPARSE and "xypts" in path.name.lower())
-    try:
-        found = read(path, hints)
-    except MocapError:
-        return False
-    return found.pixels is not None and not found.cameras
+        one = len(found.camera_names) == 1
+        return Look(role="view" if one else "tracks", format=name, pixels=not plain and not found.cameras)
+    return Look(role="tracks" if found.points is not None else "none", format=name)
 
 
 def _is_skeleton(path: Path) -> bool:

@@ -71,6 +71,10 @@ def batch(
 
     Example: mocap batch data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml --out out/season
     """
+    from mocap.side_by_side import context_of
+
+    if scheduler is None:
+        context_of("mocap.batches.find" if dry_run else "mocap.batches.worker")  # it imports while this process does
     import mocap
     from mocap.batches.find import write_plan
     from mocap.batches.summary import as_json as records_as_json

@@ -29,6 +29,9 @@ def desk(
 
     Example: mocap desk data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml
     """
+    from mocap.side_by_side import context_of
+
+    context_of("mocap.batches.find")  # it imports while this process does
     from mocap.batches.run import checked_model
     from mocap.batches.trial import Options
     from mocap.desk.desk import opened_desk

@@ -8,6 +8,7 @@ neighbour changes less, are beside them. ``DIR/table.csv`` has a row for each co
 """
 
 import argparse
+import ctypes
 import hashlib
 import os
 import random
@@ -18,6 +19,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -76,13 +78,22 @@ def make_twins(folder: Path, count: int, *, frames: int) -> None:
             clicks.write_bytes(clicks.read_bytes()[:5000] + b"\n1,2,3\n")
 
 
+def reaped() -> None:
+    """Wait for all that a command started: processes whose parent has ended are this one's on Linux (``main``)."""
+    with suppress(ChildProcessError):
+        while True:
+            os.wait()
+
+
 def spent(command: Sequence[str]) -> Spent:
     """Run a command to its end."""
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wall_s = time.perf_counter() - begun
+    reaped()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Spent(wall_s=time.perf_counter() - begun, cpu_s=cpu)
+    return Spent(wall_s=wall_s, cpu_s=cpu)
 
 
 def batch(twins: Path, out: Path, *options: str, jobs: int) -> list[str]:
@@ -147,9 +158,11 @@ def watched(command: Sequence[str]) -> tuple[Spent, list[Sample]]:
             continue
         finally:
             time.sleep(0.5)
+    wall_s = time.perf_counter() - begun
+    reaped()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Spent(wall_s=time.perf_counter() - begun, cpu_s=cpu), samples
+    return Spent(wall_s=wall_s, cpu_s=cpu), samples
 
 
 def trials(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
@@ -327,6 +340,8 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     twins = given.out / f"twins{count}x{given.frames}"
     make_twins(twins, count, frames=given.frames)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(36, 1)  # PR_SET_CHILD_SUBREAPER: what orphans took is counted
     os.environ |= {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     lines = [f"load when it began: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores", ""]

@@ -1,72 +1,376 @@
-"""Calls that do not wait for each other, side by side in processes of their own where somebody allows them.
+"""Calls in processes of their own: side by side, each within limits; no process outlives the one that started it.
 
-The numbers are those of one process: each call is a whole, on one BLAS thread.
+A call is made whole by one process: the numbers are those of this one. Calls, and what becomes of them, go through
+pipes that nobody else can open; nothing listens on a port.
 """
 
 import os
+import pickle
+import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+import threading
+import traceback
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
-from multiprocessing import forkserver, get_context
+from dataclasses import dataclass, field
+from math import inf
+from multiprocessing import current_process, forkserver, get_context, parent_process
+from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
-from typing import Any
+from multiprocessing.process import BaseProcess
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from time import monotonic
+from typing import Any, Literal, TypeVar
 
 from mocap.errors import MocapError
 
 Progress = Callable[[float], None]
 Call = Callable[..., Any]
-"""Takes ``progress``, which is called with the share done, or is None; travels to another process."""
+"""Takes ``progress``, which is called with what is to be told on the way, or is None; travels to another process."""
+Hear = Callable[..., None]
+"""Called with the number of a process, the name of its call, and what that tells on its way."""
+Name = TypeVar("Name")
+
+START_S = 300.0
+"""A process that is not ready by then does not start: it reads the script first, and a busy computer is slow."""
+STARTS = 3
+"""Processes that may end before they are ready, one after the other, before it is given up."""
+LOOK_S = 0.5
+"""Seconds between two looks at the memory of processes: it is filled by some GB a second."""
+END_S = 5.0
+"""What has nothing to do and does not end by itself in that time is ended."""
+MOST = 4
+"""Processes that one recording has work for."""
+
+
+class NoProcess(MocapError):
+    """No process can be started."""
+
+
+class Lost(MocapError):
+    """What a call would have given is lost with its process.
+
+    Attributes:
+        why: The process ended by itself (``died``), or was ended, as it took too long or too much memory.
+    """
+
+    def __init__(self, text: str, why: Literal["died", "time", "memory"]) -> None:
+        """With why."""
+        super().__init__(text, why)
+        self.why = why
+
+    def __str__(self) -> str:
+        """The text alone."""
+        return str(self.args[0])
+
+
+def end_with(pipe: int) -> None:
+    """End this process as soon as the other end of a pipe is closed: by hand, or by the end of whoever holds it.
+
+    Linux ends it, also where it hangs in a library that keeps Python's lock; elsewhere a thread does.
+
+    Args:
+        pipe: Number of its open file, into which nothing is written any more.
+    """
+    try:
+        import fcntl
+
+        fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+    except (ImportError, AttributeError, OSError):
+        _end_after(lambda: os.read(pipe, 1))
+    else:
+        if wait([pipe], 0.0):  # it was closed before
+            os._exit(1)
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    if sys.platform == "win32":  # where it is the handle of a process
+        _end_after(lambda: wait([parent.sentinel]))
+    else:
+        end_with(parent.sentinel)
+
+
+def _end_after(waits: Callable[[], object]) -> None:
+    def watch() -> None:
+        waits()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _work(pipe: Connection) -> None:
+    """The life of a process: it makes one call after the other, until nobody is there to send one."""
+    _end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the process that started it, which ends it
+    pipe.send(("ready", None))
+    with suppress(EOFError, OSError):
+        while True:
+            pipe.send_bytes(_made(pipe.recv_bytes(), pipe))
+
+
+def _made(packed: bytes, pipe: Connection) -> Any:
+    """Make a call; what it gave or raised."""
+
+    def tell(*said: Any) -> None:
+        pipe.send(("said", said))
+
+    try:
+        call, heard = pickle.loads(packed)
+        pipe.send(("begun", None))  # what it needs has been imported: now its time runs
+        return ForkingPickler.dumps(("gave", call(progress=tell if heard else None)))
+    except BaseException as error:  # a call ends its process by no means: others follow
+        error.add_note("".join(traceback.format_exception(error)))
+        if isinstance(error, Exception):
+            with suppress(Exception):
+                sent = ForkingPickler.dumps(("raised", error))
+                pickle.loads(sent)  # some can be sent, and not be read
+                return sent
+        kind = MocapError if isinstance(error, MocapError) else RuntimeError
+        same = kind(str(error) if kind is MocapError else f"{type(error).__name__}: {error}")
+        return ForkingPickler.dumps(("raised", same))
 
 
 @dataclass(eq=False)
-class _Pool:
-    """Processes that start when they are first needed.
+class Worker:
+    """A process that makes calls.
 
-    They are not forked from this one, which may have threads. On Linux they are forked from one that does nothing
-    else, and has imported what each of them needs.
+    Attributes:
+        process: It.
+        pipe: To it.
+        ready: Whether it has started.
+        begun: Whether it has begun its call.
+        until_s: When it has taken too long to start, or for its call.
+        call: The name of its call; None: it has none.
+        limit_s: Seconds that the call may take.
+    """
+
+    process: BaseProcess
+    pipe: Connection
+    ready: bool = False
+    begun: bool = False
+    until_s: float = field(default_factory=lambda: monotonic() + START_S)
+    call: Any = None
+    limit_s: float = inf
+
+    @classmethod
+    def started(cls, context: BaseContext, *, daemon: bool = True) -> "Worker":
+        """One that starts; a ``daemon`` starts none of its own.
+
+        Raises:
+            OSError: the system refuses.
+        """
+        here, there = context.Pipe()
+        try:
+            process = context.Process(target=_work, args=(there,), daemon=daemon)  # type: ignore[attr-defined]
+            process.start()
+        except BaseException:
+            here.close()
+            raise
+        finally:
+            there.close()
+        return cls(process, here)
+
+    @property
+    def name(self) -> int:
+        """The number of the process."""
+        return self.process.pid or 0
+
+    def send(self, name: Any, call: Call, *, hears: bool, limit_s: float = inf) -> None:
+        """Give it a call; it is ``ready`` and has none."""
+        self.call, self.begun, self.limit_s, self.until_s = name, False, limit_s, monotonic() + START_S
+        with suppress(OSError):  # it has died: ``messages`` tells
+            self.pipe.send_bytes(ForkingPickler.dumps((call, hears)))
+
+    def messages(self) -> Iterator[tuple[str, Any]]:
+        """What it sent: ``ready``, ``said``, at the end of its call ``gave`` or ``raised``; ``died``: it is gone."""
+        while True:
+            try:
+                if not self.pipe.poll():
+                    return
+                kind, what = self.pipe.recv()
+            except (EOFError, OSError):
+                yield "died", None
+                return
+            if kind == "begun":
+                self.begun, self.until_s = True, monotonic() + self.limit_s
+                continue
+            if kind != "said":
+                self.ready, self.call, self.until_s = True, None, inf
+            yield kind, what
+
+    def end(self, *, now: bool) -> None:
+        """End it; one that has no call ends by itself unless it is to be ``now``."""
+        self.pipe.close()
+        if not now:
+            self.process.join(END_S)
+        if now or self.process.is_alive():
+            self.process.kill()
+        self.process.join(END_S)
+
+
+def memory_bytes(process: int) -> int:
+    """Memory that a process holds; 0 where the system (Windows, macOS) does not tell it in /proc."""
+    try:
+        return int(Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, IndexError, ValueError):
+        return 0
+
+
+GUARD = (
+    "the processes could not be started: in a script, call mocap below "
+    '`if __name__ == "__main__":`, as every process reads the script first; else see whether memory is left'
+)
+
+
+def context_of(preload: str) -> BaseContext:
+    """How processes start: not forked from this one, which may have threads.
+
+    On Linux they are forked from one that does nothing else, and has imported what each of them needs, which it begins
+    to do while this process goes on.
+
+    Raises:
+        MocapError: this process is itself one that reads its script.
+    """
+    if getattr(current_process(), "_inheriting", False):
+        raise MocapError(GUARD)
+    if sys.platform != "linux":
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload([preload])
+    forkserver.ensure_running()
+    return context
+
+
+@dataclass(eq=False)
+class Pool:
+    """Processes that start when they are first needed, and make one call after the other.
+
+    Attributes:
+        count: So many at most.
+        context: How they start.
+        most_bytes: Memory that each may hold.
+        workers: Those that there are.
     """
 
     count: int
     context: BaseContext
-    executor: ProcessPoolExecutor | None = None
+    most_bytes: float = inf
+    workers: list[Worker] = field(default_factory=list)
 
-    @classmethod
-    def of(cls, count: int) -> "_Pool":
-        """Of so many processes; what they are forked from starts to import while this process goes on."""
-        if sys.platform != "linux":
-            return cls(count, get_context("spawn"))
-        context = get_context("forkserver")
-        context.set_forkserver_preload(["mocap.pipeline.job"])
-        forkserver.ensure_running()
-        return cls(count, context)
+    def each(
+        self,
+        calls: Mapping[Name, Call],
+        *,
+        limit_s: Callable[[Name], float] = lambda _name: inf,
+        hear: Hear | None = None,
+        tries: int = 2,
+    ) -> Iterator[tuple[Name, "Future[Any]"]]:
+        """What became of each call, as they end: its result, what it raised, or that it is ``Lost``.
 
-    def submit(self, call: Call) -> Future:
-        """Begin a call; if no process can be started for it, its future is that of a process that died."""
-        count = min(self.count, 61) if sys.platform == "win32" else self.count  # its wait takes 63 handles, two its own
-        for _ in range(2):
-            self.executor = self.executor or ProcessPoolExecutor(count, mp_context=self.context)
-            try:
-                return self.executor.submit(call, progress=None)
-            except (BrokenProcessPool, OSError, EOFError):  # a process died, or that which it is forked from
-                self.executor.shutdown(wait=True)  # calls that were begun come to their end
-                self.executor = None
-        died: Future = Future()
-        died.set_exception(BrokenProcessPool("no process can be started"))
-        return died
+        Args:
+            calls: By name.
+            limit_s: Seconds that a call may take.
+            hear: Told what calls tell.
+            tries: So many times a call is made whose process dies; one that takes too long is made once.
+
+        Raises:
+            NoProcess: none can be started.
+        """
+        left, died, vain = deque(calls), Counter[Name](), 0
+        most = min(self.count, 61) if sys.platform == "win32" else self.count  # what `wait` takes there
+        try:
+            while left or any(worker.call is not None for worker in self.workers):
+                busy = sum(worker.call is not None for worker in self.workers)
+                while vain < STARTS and len(self.workers) < min(most, busy + len(left)):
+                    try:
+                        self.workers.append(Worker.started(self.context))
+                    except (OSError, EOFError):  # also that which they are forked from has died
+                        vain += 1
+                if not self.workers:
+                    raise NoProcess(GUARD)
+                for worker in self.workers:
+                    if left and worker.ready and worker.call is None:
+                        name = left.popleft()
+                        worker.send(name, calls[name], hears=hear is not None, limit_s=limit_s(name))
+                wait([worker.pipe for worker in self.workers], self._look_again_s())
+                for worker in list(self.workers):
+                    name, future = worker.call, Future()
+                    for kind, what in worker.messages():
+                        if kind == "ready":
+                            vain = 0
+                        elif kind == "said" and hear is not None:
+                            hear(str(worker.name), name, *what)
+                        elif kind == "gave":
+                            future.set_result(what)
+                        elif kind == "raised":
+                            future.set_exception(what)
+                        elif kind == "died":
+                            future.set_exception(Lost("its process died", "died"))
+                    if not future.done() and (error := self._beyond(worker)) is not None:
+                        future.set_exception(error)
+                    error = future.exception() if future.done() else None
+                    if isinstance(error, Lost):
+                        self.workers.remove(worker)
+                        worker.end(now=True)
+                        if name is None:
+                            vain += not worker.ready
+                            continue
+                        died[name] += 1
+                        if error.why != "time" and died[name] < tries:
+                            left.appendleft(name)
+                            continue
+                    if future.done():
+                        yield name, future
+        finally:
+            for worker in [worker for worker in self.workers if worker.call is not None]:
+                self.workers.remove(worker)
+                worker.end(now=True)
+
+    def _look_again_s(self) -> float | None:
+        until_s = min(worker.until_s for worker in self.workers) - monotonic()
+        soon_s = min(until_s, inf if self.most_bytes == inf else LOOK_S)
+        return None if soon_s == inf else max(soon_s, 0.0)
+
+    def _beyond(self, worker: Worker) -> Lost | None:
+        """The limit that a process is beyond."""
+        if monotonic() > worker.until_s:
+            return Lost("it took too long", "time")
+        if self.most_bytes < inf and memory_bytes(worker.name) > self.most_bytes:
+            return Lost(f"it took more than {self.most_bytes / 1e9:.3g} GB of memory", "memory")
+        return None
 
     def close(self) -> None:
-        if self.executor is not None:
-            self.executor.shutdown(wait=True, cancel_futures=True)
-        self.executor = None
+        """End them."""
+        while self.workers:
+            worker = self.workers.pop()
+            worker.end(now=worker.call is not None or not worker.ready)
 
 
-MOST = 4
-"""Processes that one recording has work for."""
-_POOL: ContextVar[_Pool | None] = ContextVar("_POOL", default=None)
+_POOL: ContextVar[Pool | None] = ContextVar("_POOL", default=None)
+
+
+@contextmanager
+def opened(count: int, *, preload: str = "mocap.pipeline.job", most_bytes: float = inf) -> Iterator[Pool]:
+    """Processes, for as long as the context lasts.
+
+    Args:
+        count: So many at most.
+        preload: The module that they need.
+        most_bytes: Memory that each may hold.
+    """
+    found = Pool(count, context_of(preload), most_bytes)
+    try:
+        yield found
+    finally:
+        found.close()
 
 
 @contextmanager
@@ -87,14 +391,12 @@ def processes(count: int | None = None) -> Iterator[None]:
         count = min(cores, MOST)
     if count < 1:
         raise MocapError(f"`count` of processes is {count}: give 1 or more")
-    pool = None if count == 1 else _Pool.of(count)
-    token = _POOL.set(pool)
-    try:
-        yield
-    finally:
-        _POOL.reset(token)
-        if pool is not None:
-            pool.close()
+    with nullcontext() if count == 1 else opened(count) as pool:
+        token = _POOL.set(pool)
+        try:
+            yield
+        finally:
+            _POOL.reset(token)
 
 
 def call_all(calls: Sequence[Call], progress: Progress | None = None) -> list[Any]:
@@ -106,19 +408,19 @@ def call_all(calls: Sequence[Call], progress: Progress | None = None) -> list[An
         calls: See ``Call``.
         progress: Called with the share done of all of them together.
     """
-    pool = _POOL.get()
-    if pool is None or len(calls) < 2:
+    there = _POOL.get()
+    if there is None or len(calls) < 2:
         return [call(progress=_share(progress, i, len(calls))) for i, call in enumerate(calls)]
-    futures = [pool.submit(call) for call in calls]
-    left = []
-    for count, future in enumerate(as_completed(futures)):
-        if isinstance(future.exception(), BrokenProcessPool):
-            left.append(futures.index(future))
-        if progress is not None:
-            progress((count + 1) / len(calls))
-    if left:
-        pool.close()
-    return [calls[i](progress=None) if i in left else future.result() for i, future in enumerate(futures)]
+    ended: dict[int, Future[Any]] = {}
+    with suppress(NoProcess):
+        for i, future in there.each(dict(enumerate(calls)), tries=1):
+            ended[i] = future
+            if progress is not None:
+                progress(len(ended) / len(calls))
+    lost = [i for i in range(len(calls)) if i not in ended or isinstance(ended[i].exception(), Lost)]
+    if lost:
+        there.close()  # that this one has the memory
+    return [call(progress=None) if i in lost else ended[i].result() for i, call in enumerate(calls)]
 
 
 def _share(progress: Progress | None, part: int, count: int) -> Progress | None:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import disk, files, foreign, page, records, sound, workers
+from benchmarks.attack import disk, files, foreign, page, records, sound, strangers, workers
 
 STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "files": files.run,
@@ -16,6 +16,7 @@ STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "foreign": foreign.run,
     "records": records.run,
     "workers": workers.run,
+    "strangers": strangers.run,
     "disk": lambda options: disk.main(["--quick"] if options.quick else []),
     "page": page.run,
 }

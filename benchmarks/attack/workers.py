@@ -22,8 +22,6 @@ from benchmarks.batch import batch, contents, finished, make_twins, spent
 
 TRIALS, FRAMES = 4, 40
 WAYS = ("all at once", "one, then the other", "all, again and again")
-LOOK_S = 20.0
-"""Seconds for the five minutes that a batch stands before it looks for workers: else a point would take ten."""
 MOST_S = 900.0
 """A command that takes so long has not ended: three times the 301 s that one took on two cores under a load of 18."""
 
@@ -51,8 +49,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _attacked(twins: Path, whole: Path, out: Path, way: str, after: int) -> dict[str, object]:
     """One point: from ``after`` finished trials on (-1: as the first processes start)."""
-    command, look = batch(twins, out, jobs=2), f"import mocap.batches.engine as engine; engine.WORKER_S = {LOOK_S}; "
-    command[2] = command[2].replace("__main__': ", f"__main__': {look}", 1)
+    command = batch(twins, out, jobs=2)
     begun, killed = time.perf_counter(), set()
     with tempfile.TemporaryFile() as said:
         running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
@@ -97,9 +94,8 @@ def _attacked(twins: Path, whole: Path, out: Path, way: str, after: int) -> dict
 
 
 def _workers(command: int) -> Iterator[psutil.Process]:
-    """Processes that a command has started to track in."""
+    """Processes that a command has started to track in: those that another one was forked to."""
     with suppress(psutil.NoSuchProcess):
-        for process in psutil.Process(command).children(recursive=True):
+        for process in psutil.Process(command).children():
             with suppress(psutil.NoSuchProcess):
-                if "spawn_main" in " ".join(process.cmdline()):
-                    yield process
+                yield from process.children()

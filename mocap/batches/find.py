@@ -5,17 +5,28 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
-from mocap.batches.trial import Trial, check_name, is_manifest, read_manifest, some, write_manifest
+from mocap.batches.trial import (
+    Trial,
+    check_name,
+    is_manifest,
+    read_manifest,
+    size_bytes,
+    some,
+    why_failed,
+    write_manifest,
+)
 from mocap.errors import MocapError, OutputError
 from mocap.io.crop import has_crops
 from mocap.io.format import Hints
 from mocap.io.manifest import read_manifest as read_listing
 from mocap.io.output import result_file
 from mocap.io.registry import identify, read
+from mocap.side_by_side import Lost, Pool, opened
 from mocap.skeleton import read_skeleton
 
 Role = Literal["tracks", "view", "calibration", "profile", "skeleton", "none", "unknown"]
@@ -70,52 +81,107 @@ _TRIAL = re.compile(r"(xypts|xyzpts)\.[ct]sv$|dvproject\.mat$|\.c3d$|\.trc$", re
 """Names that only tracks have."""
 
 
-def role(path: Path, hints: Hints) -> tuple[Role, str]:
-    """What a file is, and the name of its format (of ``unknown``: what is wrong with it)."""
-    if path.suffix.lower() not in DATA:
-        return "none", ""
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """What a file is.
+
+    Attributes:
+        role: To a batch.
+        format: The name of its format; of ``unknown``, and of tracks that cannot be read, what is wrong with it.
+        pixels: Whether it holds pixels that need a calibration beside them.
+        cameras: Names of the cameras of a calibration; none where it cannot be read.
+    """
+
+    role: Role
+    format: str = ""
+    pixels: bool = False
+    cameras: tuple[str, ...] = ()
+
+
+NOTHING = Look(role="none")
+LOOK_S, BYTES_A_S = 60.0, 200_000.0
+"""A look at a file, or reading a trial, may take a minute, and a second for each 200 kB: of the text tables that were
+measured the slowest is read at 2 MB/s, by one of two cores beside others' work at a tenth of that."""
+
+
+def look(path: Path, hints: Hints, *, progress: object = None) -> Look:
+    """Look at a file; whatever goes wrong is told of it, and stops no other."""
+    del progress
+    try:
+        return _look(path, hints)
+    except Exception as error:
+        return Look(role="unknown", format=why_failed(error))
+
+
+def looks(paths: Sequence[Path], hints: Hints, *, pool: Pool, limit_s: float | None) -> dict[Path, Look]:
+    """Look at files in other processes: what one of them does to its reader is a finding about it.
+
+    Args:
+        paths: The files.
+        hints: How they are to be read where they do not say so themselves.
+        pool: The processes.
+        limit_s: Seconds that a look may take at most; None: by the size of the file.
+    """
+    found = dict.fromkeys(paths, NOTHING)
+    calls = {path: partial(look, path, hints) for path in paths if path.suffix.lower() in DATA}
+    limit = partial(_limit_of, limit_s=limit_s)
+    for path, went in pool.each(calls, limit_s=limit):
+        error = went.exception()
+        if isinstance(error, Lost):
+            found[path] = Look(role="unknown", format=f"{path.name}: {_why_lost(error, limit(path))}")
+        else:
+            found[path] = went.result()
+    return found
+
+
+def _limit_of(*paths: Path, limit_s: float | None) -> float:
+    return min(LOOK_S + size_bytes(paths) / BYTES_A_S, inf if limit_s is None else limit_s)
+
+
+def _why_lost(lost: Lost, limit_s: float) -> str:
+    if lost.why == "time":
+        return f"was not read within {limit_s:.0f} s, and was left out: if it only needs longer, give `limit_s`"
+    return f"the process that reads it ended twice ({lost}): it is damaged, or what reads it has an error"
+
+
+def _look(path: Path, hints: Hints) -> Look:
     try:
         name = identify(path, hints).name
     except MocapError as error:
         if path.suffix.lower() == ".toml":
-            return ("skeleton", "") if _is_skeleton(path) else ("none", "")
+            return Look(role="skeleton") if _is_skeleton(path) else NOTHING
         if _TRIAL.search(path.name):
-            return "tracks", str(error)  # and its error is told when it is tracked
-        return ("none", "") if path.suffix.lower() == ".txt" or has_crops(path) else ("unknown", str(error))
+            return Look(role="tracks", format=str(error))  # and its error is told when it is tracked
+        quiet = path.suffix.lower() == ".txt" or has_crops(path)
+        return NOTHING if quiet else Look(role="unknown", format=str(error))
     if name in CALIBRATIONS:
-        return "calibration", name
+        return Look(role="calibration", format=name, cameras=camera_names(path))
     if name in VIEWS:
-        return "view", name
+        return Look(role="view", format=name)
     if name == "csv":
         return _by_content(path, name, hints)
     if name == "camera-profile":
-        return "profile", name
+        return Look(role="profile", format=name)
     if name in SPARSE and not re.search(r"xyz?pts\.tsv$", path.name, re.IGNORECASE):
-        return "none", name
-    return ("tracks", name) if name in TRACKS else _by_content(path, name, hints)
+        return Look(role="none", format=name)
+    if name not in TRACKS:
+        return _by_content(path, name, hints)
+    return Look(role="tracks", format=name, pixels=name in PIXELS or (name in SPARSE and "xypts" in path.name.lower()))
 
 
-def _by_content(path: Path, name: str, hints: Hints) -> tuple[Role, str]:
+def _by_content(path: Path, name: str, hints: Hints) -> Look:
     """A file is to a batch what ``mocap track`` reads it as; a table whose columns are stated is a trial."""
+    plain = name == "csv"
     try:
         found = read(path, hints)
     except MocapError as error:
-        plain = name == "csv"
-        return ("tracks", name) if hints.columns and plain else ("unknown" if plain else "none", str(error))
+        if hints.columns and plain:
+            return Look(role="tracks", format=name)
+        return Look(role="unknown" if plain else "none", format=str(error))
     if found.pixels is not None:
-        return ("view" if len(found.camera_names) == 1 else "tracks"), name
-    return ("tracks" if found.points is not None else "none"), name
-
-
-def are_pixels(path: Path, format: str, hints: Hints) -> bool:
-    """Whether tracks are pixels that need a calibration beside them."""
-    if format in TRACKS or not format:
-        return format in PIXELS or (format in SPARSE and "xypts" in path.name.lower())
-    try:
-        found = read(path, hints)
-    except MocapError:
-        return False
-    return found.pixels is not None and not found.cameras
+        one = len(found.camera_names) == 1
+        return Look(role="view" if one else "tracks", format=name, pixels=not plain and not found.cameras)
+    return Look(role="tracks" if found.points is not None else "none", format=name)
 
 
 def _is_skeleton(path: Path) -> bool:
@@ -134,9 +200,9 @@ def base(path: Path) -> str:
     return stem.rstrip("-_. ")
 
 
-@lru_cache(maxsize=64)
-def camera_names(calibration: Path) -> tuple[str, ...]:
+def camera_names(calibration: Path, *, progress: object = None) -> tuple[str, ...]:
     """Names of the cameras of a calibration; none where it cannot be read."""
+    del progress
     try:
         return read(calibration).camera_names
     except MocapError:
@@ -144,6 +210,8 @@ def camera_names(calibration: Path) -> tuple[str, ...]:
 
 
 PLAN = "manifest.csv"
+PRELOAD = "mocap.batches.find"
+"""What a process that looks at files needs."""
 WRITTEN = ("track", "batch")
 """Results of mocap in whose folders no trials are looked for."""
 _WHEN_OR_HOW = (
@@ -156,12 +224,13 @@ _ANIMAL = re.compile(rf"(?!({_WHEN_OR_HOW})[-_ ]?[0-9])[a-z]+[-_ ]?[0-9]{{1,3}}[
 """Another word and a number, as ``bat07``; four digits are a year or a time."""
 
 
-Files = Mapping[str, Mapping[Path, str]]
-"""The files of a folder by what they are (``mocap.batches.find.Role``), with the names of their formats."""
-
-
 def find_trials(
-    sources: Sequence[str | Path], *, arguments: Mapping[str, Any] | None = None, out: Path | None = None
+    sources: Sequence[str | Path],
+    *,
+    arguments: Mapping[str, Any] | None = None,
+    out: Path | None = None,
+    pool: Pool | None = None,
+    limit_s: float | None = None,
 ) -> list[Trial]:
     """The trials of folders, patterns and manifests.
 
@@ -177,6 +246,8 @@ def find_trials(
         sources: Folders, files, patterns (``**`` is any depth), and manifests (``mocap.batches.trial``).
         arguments: Arguments of ``mocap.read`` for every trial; what a manifest states of one goes before.
         out: The folder of results, in which no trials are looked for.
+        pool: Processes that look at files; None: one that is started where there is a file to look at.
+        limit_s: Seconds that a look at a file may take at most; None: by its size.
 
     Returns:
         The trials in the order of their names; those that cannot be tracked say why in ``skip``.
@@ -184,6 +255,9 @@ def find_trials(
     Raises:
         MocapError: nothing was found; the message says what was looked for, and where.
     """
+    if pool is None and not all(is_manifest(Path(source)) for source in sources):
+        with opened(1, preload=PRELOAD) as pool:
+            return find_trials(sources, arguments=arguments, out=out, pool=pool, limit_s=limit_s)
     nothing = (None, [], Hints())
     arguments = {key: value for key, value in (arguments or {}).items() if value not in nothing}
     found: list[Trial] = []
@@ -191,13 +265,16 @@ def find_trials(
         path = Path(source)
         if is_manifest(path):
             found += [replace(trial, arguments={**arguments, **trial.arguments}) for trial in read_manifest(path)]
-        elif path.is_dir():
+            continue
+        assert pool is not None
+        looked = _Looked(root=path, above=path, arguments=arguments, pool=pool, limit_s=limit_s)
+        if path.is_dir():
             above = path.resolve().parent if len(sources) > 1 else path
-            found += _in_folder(path, arguments, out, root=path, above=above)
+            found += _in_folder(replace(looked, above=above), path, out)
         elif path.exists():
-            found += _of_files(path.parent, [path], arguments)
+            found += _of_files(looked.below(path.parent), [path])
         else:
-            found += _of_pattern(str(source), arguments, out)
+            found += _of_pattern(looked, str(source), out)
     if not found:
         where = ", ".join(map(str, sources)) or "nothing"
         raise MocapError(
@@ -208,7 +285,7 @@ def find_trials(
     return _named_apart(found)
 
 
-def _of_pattern(source: str, arguments: Mapping[str, Any], out: Path | None) -> list[Trial]:
+def _of_pattern(looked: "_Looked", source: str, out: Path | None) -> list[Trial]:
     """The trials of a pattern; its folder is the part before the first wildcard."""
     paths = sorted(map(Path, glob.glob(source, recursive=True)))
     if not paths:
@@ -216,18 +293,16 @@ def _of_pattern(source: str, arguments: Mapping[str, Any], out: Path | None) -> 
         raise MocapError(f"{source}: {what}: give a folder, a pattern in quotes ('data/**/*.c3d'), or a manifest.csv")
     fixed = Path(source).parts
     root = Path(*fixed[: next(i for i, part in enumerate(fixed) if glob.has_magic(part))] or ["."])
+    looked = looked.below(root)
     files = [path for path in paths if path.is_file()]
-    found = _of_files(root, files, arguments) if files else []
+    found = _of_files(looked, files) if files else []
     for folder in (path for path in paths if path.is_dir()):
-        found += _in_folder(folder, arguments, out, root=root)
+        found += _in_folder(looked, folder, out)
     return found
 
 
-def _in_folder(
-    folder: Path, arguments: Mapping[str, Any], out: Path | None, *, root: Path, above: Path | None = None
-) -> list[Trial]:
-    files = list(_walk(folder, None if out is None else out.resolve()))
-    return _of_files(root, files, arguments, above=above)
+def _in_folder(looked: "_Looked", folder: Path, out: Path | None) -> list[Trial]:
+    return _of_files(looked, list(_walk(folder, None if out is None else out.resolve())))
 
 
 def _walk(folder: Path, out: Path | None) -> Iterator[Path]:
@@ -248,24 +323,24 @@ def _is_result(folder: Path) -> bool:
         return False
 
 
-def _of_files(
-    root: Path, files: Sequence[Path], arguments: Mapping[str, Any], *, above: Path | None = None
-) -> list[Trial]:
-    """The trials among files below a root, which are named by the folders below ``above``; None: below the root."""
-    looked = _Looked(root=root, above=above or root, arguments=arguments)
+def _of_files(looked: "_Looked", files: Sequence[Path]) -> list[Trial]:
+    """The trials among files below a root."""
     by_folder: dict[Path, list[Path]] = {}
     for file in files:
         by_folder.setdefault(file.parent, []).append(file)
+    if by_folder:
+        looked.at(*by_folder)
     found = []
     for folder, own in sorted(by_folder.items()):
         there = looked.at(folder)
         tracks = {path: there["tracks"][path] for path in own if path in there["tracks"]}
         for name, (raw, *_) in _by_base(tracks).items():
-            found.append(_trial(looked, folder, name, [raw], cameras=are_pixels(raw, tracks[raw], looked.hints)))
+            found.append(_trial(looked, folder, name, [raw], cameras=tracks[raw].pixels))
         for path in own:
             if path in there["unknown"]:
                 named = _trial_name(looked.folders(folder), path.stem)
-                found.append(Trial(name=named, paths=(path,), arguments=arguments, skip=there["unknown"][path]))
+                skip = there["unknown"][path].format
+                found.append(Trial(name=named, paths=(path,), arguments=looked.arguments, skip=skip))
     for folder, views in _view_folders(looked, by_folder).items():
         for name, paths in _views(looked, folder, views).items():
             found.append(_trial(looked, folder, name, paths, cameras=True))
@@ -297,17 +372,18 @@ def _view_folders(looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]]) -
 
 def _cameras(looked: "_Looked", folder: Path) -> tuple[str, ...]:
     calibration = looked.arguments.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
-    return () if calibration is None else camera_names(Path(calibration))
+    return () if calibration is None else looked.cameras(Path(calibration))
 
 
-def _by_base(tracks: Mapping[Path, str]) -> dict[str, list[Path]]:
+def _by_base(tracks: Mapping[Path, Look]) -> dict[str, list[Path]]:
     """The files of each trial by its name, the rawest first."""
     groups: dict[str, list[Path]] = {}
     for path in tracks:
         groups.setdefault(base(path), []).append(path)
     order = {name: i for i, name in enumerate(TRACKS)}
     return {
-        name: sorted(paths, key=lambda path: (order.get(tracks[path], 0), path.name)) for name, paths in groups.items()
+        name: sorted(paths, key=lambda path: (order.get(tracks[path].format, 0), path.name))
+        for name, paths in groups.items()
     }
 
 
@@ -388,29 +464,54 @@ class _Looked:
         root: The highest of them.
         above: The folder below which folders are a part of trials' names.
         arguments: Arguments of ``mocap.read`` for every trial.
-        seen: What each holds.
+        pool: Processes that look.
+        limit_s: Seconds that a look may take at most.
+        seen: What each holds: its files by what they are.
+        rigs: Names of the cameras of calibrations that lie elsewhere.
     """
 
     root: Path
     above: Path
     arguments: Mapping[str, Any]
-    seen: dict[Path, Files] = field(default_factory=dict)
+    pool: Pool
+    limit_s: float | None
+    seen: dict[Path, dict[str, dict[Path, Look]]] = field(default_factory=dict)
+    rigs: dict[Path, tuple[str, ...]] = field(default_factory=dict)
+
+    def below(self, root: Path) -> "_Looked":
+        """The same below another root, by which trials are named, too."""
+        return replace(self, root=root, above=root)
 
     @property
     def hints(self) -> Hints:
         """How files are to be read where they do not say so themselves."""
         return self.arguments.get("hints") or Hints()
 
-    def at(self, folder: Path) -> Files:
-        """What a folder holds."""
-        if folder not in self.seen:
-            found: defaultdict[str, dict[Path, str]] = defaultdict(dict)
-            for path in sorted(folder.iterdir()):
-                if path.is_file() and not path.name.startswith("."):
-                    what, name = role(path, self.hints)
-                    found[what][path] = name
-            self.seen[folder] = found
-        return self.seen[folder]
+    def at(self, *folders: Path) -> dict[str, dict[Path, Look]]:
+        """What a folder holds (of several: the first; at all of their files is looked at a time)."""
+        new = {
+            folder: [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
+            for folder in folders
+            if folder not in self.seen
+        }
+        files = [path for paths in new.values() for path in paths]
+        found = looks(files, self.hints, pool=self.pool, limit_s=self.limit_s) if files else {}
+        for folder, paths in new.items():
+            self.seen[folder] = defaultdict(dict)
+            for path in paths:
+                self.seen[folder][found[path].role][path] = found[path]
+        return self.seen[folders[0]]
+
+    def cameras(self, calibration: Path) -> tuple[str, ...]:
+        """Names of the cameras of a calibration, which may lie anywhere."""
+        there = self.seen.get(calibration.parent, {}).get("calibration", {})
+        if calibration in there:
+            return there[calibration].cameras
+        if calibration not in self.rigs:
+            calls, limit = {calibration: partial(camera_names, calibration)}, partial(_limit_of, limit_s=self.limit_s)
+            for path, went in self.pool.each(calls, limit_s=limit):
+                self.rigs[path] = () if isinstance(went.exception(), Lost) else went.result()
+        return self.rigs[calibration]
 
     def folders(self, folder: Path) -> tuple[str, ...]:
         """The folders that are a part of the names of a folder's trials."""
@@ -439,26 +540,29 @@ class _Looked:
         return above
 
 
-def _chosen(formats: Mapping[Path, str], name: str, kind: str) -> tuple[Path | None, str]:
+def _chosen(files: Mapping[Path, Look], name: str, kind: str) -> tuple[Path | None, str]:
     """The one whose name begins the trial's, the longest; else the only one of the format that goes first."""
-    named = [path for path in formats if base(path) and name.casefold().startswith(base(path).casefold())]
+    named = [path for path in files if base(path) and name.casefold().startswith(base(path).casefold())]
     longest = max((len(base(path)) for path in named), default=0)
-    paths = [path for path in named if len(base(path)) == longest] or list(formats)
+    paths = [path for path in named if len(base(path)) == longest] or list(files)
     if kind == "calibration":
-        first = min(CALIBRATIONS.index(formats[path]) for path in paths)
-        paths = [path for path in paths if CALIBRATIONS.index(formats[path]) == first]
+        first = min(CALIBRATIONS.index(files[path].format) for path in paths)
+        paths = [path for path in paths if CALIBRATIONS.index(files[path].format) == first]
     if len(paths) == 1:
         return paths[0], ""
     names = some([path.name for path in paths])
     return None, f"{len(paths)} files could be its {kind} ({names}): state which in the manifest"
 
 
-def write_plan(sources: Sequence[str | Path], out: Path, **arguments: Any) -> tuple[Path, list[Trial], dict[str, str]]:
+def write_plan(
+    sources: Sequence[str | Path], out: Path, *, limit_s: float | None = None, **arguments: Any
+) -> tuple[Path, list[Trial], dict[str, str]]:
     """Find trials as ``mocap.batch`` does, read each, and write the manifest of them; nothing is tracked.
 
     Args:
         sources: As ``mocap.batch`` takes them.
         out: The file (``.csv``), or a folder, in which it is called ``manifest.csv``.
+        limit_s: Seconds that reading a trial may take at most; None: by its size.
         **arguments: Arguments of ``mocap.read`` for all trials.
 
     Returns:
@@ -467,28 +571,35 @@ def write_plan(sources: Sequence[str | Path], out: Path, **arguments: Any) -> tu
     Raises:
         MocapError: no trial was found, or the file cannot be written.
     """
-    trials = find_trials(sources, arguments=arguments, out=out)
+    with opened(1, preload=PRELOAD) as pool:
+        trials = find_trials(sources, arguments=arguments, out=out, pool=pool, limit_s=limit_s)
+        errors = {trial.name: trial.skip for trial in trials if trial.skip}
+        columns: dict[str, dict[str, object]] = {name: {"note": "not tracked"} for name in errors}
+        limits = {trial.name: _limit_of(*trial.paths, limit_s=limit_s) for trial in trials}
+        calls = {trial.name: partial(_manifest_columns, trial) for trial in trials if not trial.skip}
+        for name, went in pool.each(calls, limit_s=limits.__getitem__):
+            error = went.exception()
+            trouble = _why_lost(error, limits[name]) if isinstance(error, Lost) else error
+            columns[name] = went.result() if trouble is None else {"note": " ".join(str(trouble).split())}
+            if trouble is not None:
+                errors[name] = str(columns[name]["note"])
     path = out if out.suffix.lower() == ".csv" else out / PLAN
-    errors: dict[str, str] = {}
-    columns = [_manifest_columns(trial, errors) for trial in trials]
-    with result_file(path, replace=True, inputs=[file for trial in trials for file in trial.paths]) as file:
-        write_manifest(file, trials, folder=path.parent, columns=columns)
-    return path, trials, errors
+    files = [file for trial in trials for file in trial.paths]
+    with result_file(path, replace=True, inputs=files) as file:
+        write_manifest(file, trials, folder=path.parent, columns=[columns[trial.name] for trial in trials])
+    return path, trials, {trial.name: errors[trial.name] for trial in trials if trial.name in errors}
 
 
-def _manifest_columns(trial: Trial, errors: dict[str, str]) -> dict[str, object]:
-    """What its files hold; if they cannot be read, or it is skipped, ``errors`` gets why."""
-    if trial.skip:
-        errors[trial.name] = trial.skip
-        return {"note": "not tracked"}
-    try:
-        found = trial.recording()
-    except MocapError as error:
-        errors[trial.name] = " ".join(str(error).split())
-        return {"note": errors[trial.name]}
+def _manifest_columns(trial: Trial, *, progress: object = None) -> dict[str, object]:
+    """What its files hold.
+
+    Raises:
+        MocapError: they cannot be read, or show nothing.
+    """
+    del progress
+    found = trial.recording()
     if not found.seen.any():
-        errors[trial.name] = "no marker is ever seen"
-        return {"note": errors[trial.name]}
+        raise MocapError("no marker is ever seen")
     unit = found.data.attrs.get("space_unit")
     return {
         "frames": len(found.t_s),

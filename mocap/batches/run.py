@@ -15,7 +15,8 @@ from typing import Any
 
 import pandas as pd
 
-from eal.needs import needs
+from eal.threads import one_blas_thread
+from mocap.batches.engine import Engine, engine, limit_of, why_lost
 from mocap.batches.find import find_trials
 from mocap.batches.one import basic_columns
 from mocap.batches.summary import (
@@ -34,7 +35,8 @@ from mocap.batches.summary import (
     write_summary,
     write_times,
 )
-from mocap.batches.trial import NoWorkers, Options, Record, Trial, earlier_record, keep, key_of, read_record, some
+from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, key_of, read_record, some, why_failed
+from mocap.batches.worker import failed, track_here
 from mocap.cameras.origin import OriginError
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
@@ -47,6 +49,7 @@ from mocap.pipeline.recording import Recording
 from mocap.results.cycle_table import CycleTable, stored_table
 from mocap.results.tracked import Tracked, load
 from mocap.schema import Entry, checked
+from mocap.side_by_side import Hear, Lost, NoProcess, Pool
 
 PathText = str | PathLike[str]
 LEARN = "learn"
@@ -163,6 +166,7 @@ def batch(
     shard: str | None = None,
     scheduler: str | None = None,
     memory: str | float | None = None,
+    limit_s: float | None = None,
     again: bool = False,
     pictures: bool = False,
     validate: bool = True,
@@ -184,9 +188,13 @@ def batch(
             ``model.npz``. A trial is never filled from itself.
         shard: ``i/n``: only every n-th trial, from the i-th (from 1), as for an array of jobs on a cluster; the summary
             holds what all shards have finished.
-        scheduler: Address of a Dask scheduler that runs, whose workers see the same files; ``jobs`` and ``memory`` are
-            then its own affair.
+        scheduler: Address of a Dask scheduler that runs, whose workers see the same files; ``jobs``, ``memory`` and how
+            long a trial may take are then its own affair. A scheduler does what anybody asks who reaches it: all of its
+            network must be trusted.
         memory: Limit of each process, as ``2GB``; one that grows beyond is replaced, and its trial tried once more.
+        limit_s: Seconds that a trial may take, and a look at a file at most; a process that takes longer is ended, and
+            the others go on. None: an hour, and a second for each 10 kB; for a look a minute, and a second for each
+            200 kB.
         again: Track all of them, also those that have been.
         pictures: Write figures, ``report.html`` and ``recording.rrd`` of each trial, too.
         validate: Hide samples of each trial and measure how they are filled.
@@ -195,86 +203,95 @@ def batch(
         **arguments: Arguments of ``mocap.read`` for all trials: ``fps``, ``unit``, ``calibration``, ``skeleton``, ...
 
     Raises:
-        MocapError: no trial was found, the results cannot be written, or no worker is left to track (what is done is
+        MocapError: no trial was found, the results cannot be written, or no process is left to track (what is done is
             kept).
     """
-    needs("mocap batch", "batch", "dask", "distributed")
     part, parts = shard_of(shard)
     if jobs < 1:
         raise MocapError(f"`jobs` is {jobs}: give 1 or more")
     learn = str(model) == LEARN
     if learn and parts > 1:
         raise MocapError("`model` learn needs all trials: learn one first (mocap learn), and give its file to `shard`s")
+    if limit_s is not None and limit_s <= 0:
+        raise MocapError(f"`limit_s` is {limit_s:g}: give the seconds that a trial may take")
     folder = Path(out).absolute()
     if isinstance(sources, str | PathLike):
         sources = [sources]
-    trials = find_trials(
-        [source if isinstance(source, str) else Path(source) for source in sources], arguments=arguments, out=folder
-    )
-    # refuse to write where trials are read from: an input is never touched
-    for trial in trials:
-        for path in trial.paths:
-            if path.absolute().parent == folder / trial.name:
-                raise OutputError(f"{path} lies where its result would be written: choose another place")
-    own = trials[part - 1 :: parts]
     options = Options(
         model=folder / MODEL if learn else checked_model(model), validate=validate, seed=seed, pictures=pictures
     )
-    state = _State(
-        out=folder,
-        trials=trials,
-        todo=[trial for trial in own if not trial.skip],
-        times=folder / (f"{TIMES}.csv" if parts == 1 else f"{TIMES}_{part}_of_{parts}.csv"),
-        shared=parts > 1,
-        progress=progress,
-    )
-    ready = not learn or is_learned(state.todo, seed, folder)
-    if ready and not again:
-        state.went |= {r.trial: r for trial in state.todo if (r := earlier_record(trial, options, folder)) is not None}
-    state.begin()
-    if state.missing:
-        with state.summed_up_when_stopped():
-            _track(state, options, learn=not ready, again=again, jobs=jobs, memory=memory, scheduler=scheduler)
-    return Batch(folder, state.sum_up(), tuple(trial.name for trial in own))
+    with engine(jobs=jobs, memory=memory, scheduler=scheduler) as makes:
+        trials = find_trials(
+            [source if isinstance(source, str) else Path(source) for source in sources],
+            arguments=arguments,
+            out=folder,
+            pool=makes if isinstance(makes, Pool) else None,
+            limit_s=limit_s,
+        )
+        # refuse to write where trials are read from: an input is never touched
+        for trial in trials:
+            for path in trial.paths:
+                if path.absolute().parent == folder / trial.name:
+                    raise OutputError(f"{path} lies where its result would be written: choose another place")
+        own = trials[part - 1 :: parts]
+        state = _State(
+            out=folder,
+            trials=trials,
+            todo=[trial for trial in own if not trial.skip],
+            times=folder / (f"{TIMES}.csv" if parts == 1 else f"{TIMES}_{part}_of_{parts}.csv"),
+            shared=parts > 1,
+            progress=progress,
+        )
+        ready = not learn or is_learned(state.todo, seed, folder)
+        if ready and not again:
+            done = {trial.name: earlier_record(trial, options, folder) for trial in state.todo}
+            state.went |= {name: record for name, record in done.items() if record is not None}
+        state.begin()
+        if state.missing:
+            with state.summed_up_when_stopped():
+                if not ready:
+                    _learn(makes, state, seed, limit_s)
+                _track(makes, state, options, again=again, limit_s=limit_s)
+        return Batch(folder, state.sum_up(), tuple(trial.name for trial in own))
 
 
-def _track(
-    state: "_State",
-    options: Options,
-    *,
-    learn: bool,
-    again: bool,
-    jobs: int,
-    memory: str | float | None,
-    scheduler: str | None,
-) -> None:
-    """Track what is missing on Dask.
+def _learn(makes: Engine, state: "_State", seed: int, limit_s: float | None) -> None:
+    """Learn a model of all trials, in one process.
 
     Raises:
-        NoWorkers: a cluster of our own was without workers twice, and no trial ended between; or another's was.
+        MocapError: none can be learned.
     """
-    from mocap.batches import engine
+    most_s = sum(limit_of(trial.paths, limit_s) for trial in state.todo)
+    call, last = partial(learn_model, state.todo, state.out, seed), "starting"
 
-    in_vain = 0
-    while missing := state.missing:
-        try:
-            with engine.client(jobs=min(jobs, len(missing)), memory=memory, scheduler=scheduler) as connected:
-                if learn:
-                    state.hear("", "model", "learning from all trials")
-                    engine.on_worker(connected, learn_model, state.todo, state.out, options.seed)
-                    learn = False
-                    state.forget_workers()
-                for record, seconds in engine.tracked(
-                    connected, missing, options, state.out, again=again, hear=state.hear
-                ):
-                    if seconds is None:
-                        keep(record, state.out / record.trial)
-                    state.ended(record, seconds)
-        except NoWorkers:
-            in_vain = in_vain + 1 if state.missing == missing else 0
-            if scheduler is not None or in_vain == 2:
-                raise
-            state.forget_workers()
+    def hear(worker: str, name: str, stage: str) -> None:
+        nonlocal last
+        last = stage
+        state.hear(worker, name, stage)
+
+    for _, went in makes.each({"model": call}, limit_s=lambda _: most_s, hear=hear):
+        if isinstance(error := went.exception(), Lost):
+            raise MocapError(f"no model was learned: at {last} {why_lost(error, most_s)}")
+        went.result()
+    state.forget_workers()
+
+
+def _track(makes: Engine, state: "_State", options: Options, *, again: bool, limit_s: float | None) -> None:
+    """Track what is missing."""
+    trials = {trial.name: trial for trial in state.missing}
+    limits = {name: limit_of(trial.paths, limit_s) for name, trial in trials.items()}
+    calls = {name: partial(track_here, trial, options, state.out, again) for name, trial in trials.items()}
+    for name, went in makes.each(calls, limit_s=limits.__getitem__, hear=state.hear):
+        error = went.exception()
+        if isinstance(error, Lost):
+            record, seconds = failed(trials[name], why_lost(error, limits[name])), None
+        elif error is not None:
+            record, seconds = failed(trials[name], why_failed(error)), None
+        else:
+            record, seconds = went.result()
+        if seconds is None:
+            keep(record, state.out / name)
+        state.ended(record, seconds)
 
 
 @dataclass(kw_only=True)
@@ -391,10 +408,10 @@ class _State:
 
     @contextmanager
     def summed_up_when_stopped(self) -> Iterator[None]:
-        """Ctrl-C, or that no worker is left, leaves a summary of what has been finished, and says so."""
+        """Ctrl-C, or that no process is left, leaves a summary of what has been finished, and says so."""
         try:
             yield
-        except (KeyboardInterrupt, NoWorkers) as stop:
+        except (KeyboardInterrupt, NoProcess) as stop:
             self.sum_up()
             stop.kept = (  # type: ignore[union-attr]
                 f"{len(self.went)} of {len(self.todo)} trials are finished in {self.out}: the same command goes on"
@@ -453,7 +470,7 @@ def is_learned(trials: Sequence[Trial], seed: int, out: Path) -> bool:
     return (out / MODEL).is_file() and found["key"][()] == model_key(trials, seed)
 
 
-def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
+def learn_model(trials: Sequence[Trial], out: Path, seed: int, *, progress: Hear | None = None) -> None:
     """Learn a model from all trials that can be read, and write it beside their results.
 
     ``model.json`` tells which trials it is of, and why others are not among them.
@@ -464,7 +481,8 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
     used: list[str] = []
     left_out: dict[str, str] = {}
     try:
-        model = Model(learn_from(_sources(trials, used, left_out), seed=seed))
+        with one_blas_thread():
+            model = Model(learn_from(_sources(trials, used, left_out, progress), seed=seed))
     except MocapError as error:
         if not used:
             first = next(iter(left_out.items()))
@@ -480,10 +498,14 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
         file.with_name(OF).write_text(text + "\n", encoding="utf-8")
 
 
-def _sources(trials: Sequence[Trial], used: list[str], left_out: dict[str, str]) -> Iterator[Recording]:
+def _sources(
+    trials: Sequence[Trial], used: list[str], left_out: dict[str, str], progress: Hear | None
+) -> Iterator[Recording]:
     """Those that can be read, one after the other; their names are added to ``used``, reasons to ``left_out``."""
 
     def cleaned(trial: Trial, **corners: str) -> Recording | None:
+        if progress is not None:
+            progress(f"learning from all trials: {trial.name}")
         try:
             recording = clean(trial.recording(**corners).without_needless_calibration())
         except OriginError:  # the others may tell

@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import re
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, is_dataclass
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from mocap.documents import decoded, from_json, regular_bytes
-from mocap.errors import FormatError, MocapError, OutputError
+from mocap.errors import FormatError, MocapError, OutputError, shown_elsewhere
 from mocap.io.crop import crops_beside
 from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
@@ -109,6 +110,15 @@ class Trial:
             MocapError: they cannot be read.
         """
         return read(list(self.paths), **{**self.arguments, **more})
+
+
+def size_bytes(paths: Sequence[Path]) -> int:
+    """Of files together; those that are not there have none."""
+    size = 0
+    for path in paths:
+        with suppress(OSError):
+            size += path.stat().st_size
+    return size
 
 
 def some(names: Sequence[str]) -> str:
@@ -280,10 +290,6 @@ RECORD = "trial.json"
 Outcome = Literal["done", "failed", "skipped"]
 
 
-class NoWorkers(MocapError):
-    """The cluster that tracks has no worker left."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """How every trial of a batch is tracked.
@@ -318,6 +324,19 @@ class Record:
     error: str = ""
     row: Mapping[str, object] = field(default_factory=dict)
     key: str = ""
+
+
+def why_failed(error: BaseException) -> str:
+    """What is told of a trial or a file at which something went wrong, in one line."""
+    text = " ".join(str(error).split())
+    if isinstance(error, MocapError):
+        return text
+    if isinstance(error, OSError) and error.filename:
+        advice = f"{shown_elsewhere(error)}check that it is there and that you may use it"
+        return f"{error.filename}: {error.strerror}: {advice}"
+    place = traceback.extract_tb(error.__traceback__)
+    where = f" at {Path(place[-1].filename).name}:{place[-1].lineno}" if place else ""
+    return f"{type(error).__name__}{where}: {text[:300]}: this is an error in mocap, not in your data: please report it"
 
 
 def key_of(trial: Trial, options: Options) -> str:

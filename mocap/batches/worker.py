@@ -1,41 +1,42 @@
-"""What a worker does with a trial; Dask loads this module when a worker starts."""
+"""What becomes of a trial in a process: how it went, whatever happens there."""
 
-import signal
-import threading
 from pathlib import Path
 from time import perf_counter
 
-from distributed import get_worker
-
-from mocap.batches.one import track_trial
-from mocap.batches.trial import Options, Record, Trial
-
-TOPIC = "mocap-batch"
-"""Under which workers say what they do."""
+from eal.threads import one_blas_thread
+from mocap.batches.one import basic_columns, track_trial
+from mocap.batches.trial import Options, Record, Trial, why_failed
+from mocap.side_by_side import Hear
 
 
-def dask_setup(_worker: object) -> None:
-    """Leave Ctrl-C to the process that started the batch: it ends its workers."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+def track_here(
+    trial: Trial, options: Options, out: Path, again: bool, *, progress: Hear | None = None
+) -> tuple[Record, float | None]:
+    """How a trial went, and the seconds that it took (None: the failure was not of the data).
 
-
-def track_here(trial: Trial, options: Options, out: Path, again: bool) -> tuple[Record, float]:
-    """How a trial went, and the seconds that it took; each stage is told once under ``TOPIC``."""
-    worker = get_worker()
-
-    def tell(stage: str) -> None:
-        worker.log_event(TOPIC, {"worker": worker.address, "trial": trial.name, "stage": stage})
-
-    begun = perf_counter()
-    # tells each stage once
-    last = ""
+    Args:
+        trial: It.
+        options: How it is tracked.
+        out: Folder of results.
+        again: Whether it is tracked, too, if that has been done.
+        progress: Told each stage once.
+    """
+    begun, last = perf_counter(), ""
 
     def tell_once(stage: str, _share: float) -> None:
         nonlocal last
-        if stage != last:
+        if stage != last and progress is not None:
             last = stage
-            tell(stage)
+            progress(stage)
 
-    record = track_trial(trial, options, out, again=again, progress=tell_once)
+    try:
+        with one_blas_thread():  # a result is the same whatever else the machine does
+            record = track_trial(trial, options, out, again=again, progress=tell_once)
+    except Exception as error:  # whatever it was, the other trials go on
+        return failed(trial, why_failed(error)), None
     return record, perf_counter() - begun
+
+
+def failed(trial: Trial, error: str) -> Record:
+    """A trial that is to be tried again."""
+    return Record(trial=trial.name, status="failed", error=error, row=basic_columns(trial))

@@ -14,7 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.text import Text
 
 from mocap.cli.console import errors, program, say, show_text, typed, visible
-from mocap.cli.options import AsJson, RecordingOptions, with_records
+from mocap.cli.options import AsJson, LimitS, RecordingOptions, with_records
 
 if TYPE_CHECKING:
     from mocap.batches.run import Progress
@@ -43,11 +43,16 @@ def batch(
         str | None, typer.Option(help="i/n: every n-th trial, from the i-th (from 1), as for an array of SLURM jobs.")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler that runs, as tcp://HOST:8786.")
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler that runs, as tcp://HOST:8786. It does what anybody asks who reaches it: "
+            "all of its network must be trusted."
+        ),
     ] = None,
     memory: Annotated[
         str | None, typer.Option(help="Memory limit of a process, as 2GB; if not given, its part of the machine's.")
     ] = None,
+    limit_s: LimitS = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only write the manifest of the trials found, to be corrected.")
     ] = False,
@@ -66,13 +71,17 @@ def batch(
 
     Example: mocap batch data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml --out out/season
     """
+    from mocap.side_by_side import context_of
+
+    if scheduler is None:
+        context_of("mocap.batches.find" if dry_run else "mocap.batches.worker")  # it imports while this process does
     import mocap
     from mocap.batches.find import write_plan
     from mocap.batches.summary import as_json as records_as_json
     from mocap.batches.summary import reasons
 
     if dry_run:
-        path, trials, untracked = write_plan(sources, out, **recording_options.arguments())
+        path, trials, untracked = write_plan(sources, out, limit_s=limit_s, **recording_options.arguments())
         if untracked:
             say(f"{len(untracked)} of {len(trials)} trials cannot be tracked: {'; '.join(reasons(untracked))}")
         else:
@@ -82,6 +91,8 @@ def batch(
             f"Correct it in a spreadsheet, then: {typed(program(), 'batch', path)} --out RESULTS",
         )
         return
+    if scheduler is not None and not scheduler.startswith("tls:"):
+        say(f"Whoever reaches {scheduler} can run programs as you: use it in a network that is trusted, or with TLS")
     with _watching() as tell:
         found = mocap.batch(
             sources,
@@ -91,6 +102,7 @@ def batch(
             shard=shard,
             scheduler=scheduler,
             memory=memory,
+            limit_s=limit_s,
             again=again,
             pictures=pictures,
             validate=validate,

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import RecordingOptions, with_records
+from mocap.cli.options import LimitS, RecordingOptions, UntilIdle, seconds, with_records
 
 
 @with_records
@@ -21,28 +21,40 @@ def desk(
     model: Annotated[str, typer.Option(help="As of mocap batch.")] = "auto",
     validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
     jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time.")] = 2,
+    limit_s: LimitS = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
+    until_idle: UntilIdle = None,
 ) -> None:
     """Open trials, track them, proof-read what is uncertain and pass it on, in the browser on this computer only.
 
     Example: mocap desk data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml
     """
+    from mocap.side_by_side import context_of
+
+    context_of("mocap.batches.find")  # it imports while this process does
     from mocap.batches.run import checked_model
     from mocap.batches.trial import Options
     from mocap.desk.desk import opened_desk
     from mocap.desk.page import desk_page
-    from mocap.web.server import served
+    from mocap.web.server import forwarded, served
 
     options = Options(model=checked_model(model), validate=validate)
     with (
         opened_desk(
-            sources or ["."], out, options=options, jobs=jobs, arguments=recording_options.arguments()
+            sources or ["."],
+            out,
+            options=options,
+            jobs=jobs,
+            limit_s=limit_s,
+            arguments=recording_options.arguments(),
         ) as opened,
         served(desk_page(opened), port=port) as page,
+        forwarded(page.address) as link,
     ):
         say(
             f"The desk is at {page.address} (Ctrl-C here ends it; each correction is kept in {out} at once)",
             "Who has this address can see the recordings and change the corrections: keep it to yourself.",
         )
-        webbrowser.open(page.address)
-        page.wait()
+        webbrowser.open(link)
+        why = page.wait(idle_s=seconds(until_idle), works=lambda: bool(opened.progress()["running"]))
+        say(f"The desk ended ({why}); what was corrected and tracked is in {out}")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from mocap.cli.console import program, progress, say, show, typed
-from mocap.cli.options import AsJson, Crop, Force, Fps, Out, Profile
+from mocap.cli.options import AsJson, Crop, Force, Fps, Out, Profile, UntilIdle, seconds
 from mocap.errors import MocapError
 
 
@@ -48,6 +48,7 @@ def digitise(
         typer.Option("--web", help="Click in the browser, on 127.0.0.1 only; each click is saved at once in --out."),
     ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
+    until_idle: UntilIdle = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -84,7 +85,7 @@ def digitise(
                     f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
                     "Who has this address can see the videos and change the clicks: keep it to yourself.",
                 )
-                page.wait()
+                say(f"The page ended ({page.wait(idle_s=seconds(until_idle))}); clicks are saved in {out}")
         if session.found is not None:
             with result_folder(out, "digitise", replace=True, beside=True, tell=say) as folder:
                 session.found.write(folder, most=budget)

@@ -95,6 +95,30 @@ Jobs = Annotated[
         min=1, envvar="MOCAP_JOBS", help="Processes, each with its own memory. Default: one per core, at most 4."
     ),
 ]
+LimitS = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001,
+        help="Seconds that a trial may take, and reading a file at most; what takes longer is left, and the others are "
+        "done. Default: an hour for a trial and a minute for a file, and more by their size.",
+    ),
+]
+
+UntilIdle = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001,
+        metavar="MINUTES",
+        help="End the page when it was not used for so long, and nothing is being tracked. Default: it stays until its "
+        "button End, Ctrl-C or another signal.",
+    ),
+]
+
+
+def seconds(minutes: float | None) -> float | None:
+    """Of minutes; None stays."""
+    return None if minutes is None else 60.0 * minutes
+
 
 PANELS = {
     "Files": {"tracks": "FILE", "fps": "HZ", "unit": "UNIT"},
@@ -123,6 +147,7 @@ PANELS = {
         "validate": "",
         "blocks": "FRAMES",
         "jobs": "N",
+        "limit_s": "SECONDS",
         "as_json": "",
     },
 }

@@ -3,20 +3,21 @@
 import os
 import shlex
 import signal
-import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Lock
+from time import monotonic
 from typing import Any
 
 from mocap import audit
-from mocap.batches.find import PLAN, find_trials
+from mocap.batches.find import PLAN, PRELOAD, find_trials
 from mocap.batches.run import batch
 from mocap.batches.trial import Options, Trial, earlier_record, read_manifest, read_record, write_manifest
 from mocap.cameras.arrangement import ArrangementError
@@ -33,11 +34,13 @@ from mocap.pipeline.edits import read_edits, standing
 from mocap.pipeline.ideal_pixels import with_rays
 from mocap.pipeline.reading import OPTIONS, in_options
 from mocap.results.tracked import load
+from mocap.side_by_side import Hear, Worker, opened
 from mocap.text import number_of
 from mocap.trouble import trouble_of
 
 EDITS = "edits.jsonl"
-_STARTING = "starting"
+STOP_S = 10.0
+"""Tracking that is stopped sums up what is done in that time, or is ended."""
 MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
     "fit_lens": (("Estimate the lens", True),),
     "correct_lag": (("Correct the lag", True),),
@@ -70,6 +73,7 @@ class Desk:
         trials: By name.
         options: How they are tracked.
         jobs: How many at a time.
+        limit_s: Seconds that each may take; None: by the size of its files.
         proof: What is open in the room of videos: a trial that is proof-read, or videos that are digitised; None: none.
         draft: The skeleton that is drawn; None: none yet.
     """
@@ -78,13 +82,14 @@ class Desk:
     trials: dict[str, Trial]
     options: Options
     jobs: int = 2
+    limit_s: float | None = None
     proof: Proof | Session | None = None
     draft: Draft | None = None
     _written: str = ""
     _changes: Counter[str] = field(default_factory=Counter)
-    _running: BaseProcess | None = None
-    _ear: Connection | None = None
+    _running: Worker | None = None
     _heard: dict[str, Any] = field(default_factory=dict)
+    _turn: Lock = field(default_factory=Lock)
 
     @property
     def manifest(self) -> Path:
@@ -248,38 +253,47 @@ class Desk:
 
     def track(self) -> str:
         """Begin to track what has not been tracked as it is now; ``progress`` tells how far it is."""
-        if self._running is not None and self._running.is_alive():
+        if self.progress()["running"]:
             return "it is being tracked"
         self.keep({name: self._as_edited(trial) for name, trial in self.trials.items()})  # with logs that came since
-        context = get_context("spawn")
-        self._ear, mouth = context.Pipe(duplex=False)
         how = {"jobs": self.jobs, "model": self.options.model, "validate": self.options.validate}
-        self._running = context.Process(target=_track, args=(mouth, self.manifest, self.out, how))
-        self._heard = {"said": _STARTING}
-        self._running.start()
-        mouth.close()
+        how |= {"limit_s": self.limit_s}
+        self._heard = {"said": "starting"}
+        self._running = Worker.started(get_context("spawn"), daemon=False)  # it starts others
+        self._running.send("track", partial(_track, self.manifest, self.out, how), hears=True)
         return "tracking; it can be stopped, and goes on where it was"
 
     def progress(self) -> dict[str, Any]:
         """How far tracking is."""
-        ear = self._ear
-        with suppress(EOFError, OSError):
-            while ear is not None and ear.poll():
-                self._heard |= ear.recv()
-        running = self._running is not None and self._running.is_alive()
-        return self._heard | {"running": running}
+        with self._turn:
+            if self._running is not None:
+                self._hear(self._running)
+            return self._heard | {"running": self._running is not None}
+
+    def _hear(self, worker: Worker) -> None:
+        for kind, what in worker.messages():
+            if kind == "said":
+                self._heard |= what[0]
+            elif kind != "ready":
+                self._heard["said"] = str(what) if kind != "died" else "the process that tracks has ended by itself"
+                self._running = None
+        if self._running is None:
+            worker.end(now=True)
 
     def stop(self) -> str:
         """Stop tracking; trials that have ended are kept, and ``track`` goes on."""
-        process = self._running
-        if process is None or process.pid is None or not process.is_alive():
-            return "nothing is being tracked"
-        if os.name == "posix" and self.progress()["said"] != _STARTING:  # Python that starts would print where it is
-            os.kill(process.pid, signal.SIGINT)  # as Ctrl-C does: it ends its workers, and sums up
-            process.join(10)
-        if process.is_alive():
-            process.terminate()
-            process.join()
+        with self._turn:
+            worker, end_s = self._running, monotonic() + STOP_S
+            if worker is None:
+                return "nothing is being tracked"
+            self._hear(worker)
+            if os.name == "posix" and worker.begun and self._running is not None:
+                os.kill(worker.name, signal.SIGINT)  # as Ctrl-C does: it ends its processes, and sums up
+                while self._running is not None and (left_s := end_s - monotonic()) > 0 and wait([worker.pipe], left_s):
+                    self._hear(worker)
+            if self._running is not None:
+                worker.end(now=True)
+                self._running = None
         return "stopped; trials that have ended are kept"
 
     def open(self, name: str) -> dict[str, Any]:
@@ -453,35 +467,33 @@ def _plain(value: Any) -> str:
     )
 
 
-def _track(mouth: Connection, manifest: Path, out: Path, how: dict[str, Any]) -> None:
-    """In a process of its own: track, and tell how far it is."""
+def _track(manifest: Path, out: Path, how: dict[str, Any], *, progress: Hear) -> str:
+    """In a process of its own: track, and tell how far it is; what came of it."""
 
-    def tell(progress: Any) -> None:
-        doing = "; ".join(does for _, does in sorted(progress.workers.items()))
-        left = "" if progress.left_s is None else f", about {progress.left_s:.0f} s left"
-        status = f"{progress.done} of {progress.total} done{left}" + (f": {doing}" if doing else "")
-        with suppress(OSError):  # nobody hears it any more
-            mouth.send({"said": status, "done": progress.done, "total": progress.total})
+    def tell(done: Any) -> None:
+        doing = "; ".join(does for _, does in sorted(done.workers.items()))
+        left = "" if done.left_s is None else f", about {done.left_s:.0f} s left"
+        status = f"{done.done} of {done.total} done{left}" + (f": {doing}" if doing else "")
+        progress({"said": status, "done": done.done, "total": done.total})
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with suppress(OSError):
-            mouth.send({"said": "looking for what is to be tracked"})
-        found = batch(manifest, out, progress=tell, **how)
+        return batch(manifest, out, progress=tell, **how).report_text
     except KeyboardInterrupt as stop:
-        with suppress(OSError):
-            mouth.send({"said": str(getattr(stop, "kept", "stopped"))})
-        sys.exit(1)
-    except BaseException as error:  # whatever it is, the page says it
-        with suppress(OSError):
-            mouth.send({"said": trouble_of(error).text})
-        sys.exit(1)
-    with suppress(OSError):
-        mouth.send({"said": found.report_text})
+        return str(getattr(stop, "kept", "stopped"))
+    except Exception as error:  # whatever it is, the page says it
+        return trouble_of(error).text
 
 
 @contextmanager
 def opened_desk(
-    sources: list[str], out: Path, *, options: Options, jobs: int = 2, arguments: Mapping[str, Any] | None = None
+    sources: list[str],
+    out: Path,
+    *,
+    options: Options,
+    jobs: int = 2,
+    limit_s: float | None = None,
+    arguments: Mapping[str, Any] | None = None,
 ) -> Iterator[Desk]:
     """A desk of a folder's trials, which goes on where an earlier one on the same results ended.
 
@@ -492,8 +504,10 @@ def opened_desk(
     with occupied(out / "edits", "a desk"):
         written = digest(out / PLAN) if (out / PLAN).is_file() else ""
         before = {trial.name: trial for trial in read_manifest(out / PLAN)} if written else {}
-        found = {trial.name: trial for trial in find_trials(list(sources), arguments=arguments, out=out)}
-        desk = Desk(out=out, trials=before, options=options, jobs=jobs)
+        with opened(jobs, preload=PRELOAD) as pool:
+            looked = find_trials(list(sources), arguments=arguments, out=out, pool=pool, limit_s=limit_s)
+        found = {trial.name: trial for trial in looked}
+        desk = Desk(out=out, trials=before, options=options, jobs=jobs, limit_s=limit_s)
         if written:  # also where a person corrected it: what it states is read, and goes on
             taken_over(out / PLAN, written)
             desk._written = written

@@ -9,6 +9,7 @@ with no request to another host (``Referrer-Policy``), and is written to no log.
 
 import asyncio
 import secrets
+from time import monotonic
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
@@ -54,6 +55,11 @@ class Guard:
     def __init__(self, app: ASGIApp, *, host: str, token: str) -> None:
         """Before an application that is served at ``http://host/token/``."""
         self.app, self.host, self.token = app, host, token
+        self._answers, self._heard_s = 0, monotonic()
+
+    def idle_s(self) -> float:
+        """Seconds since the last request of the page itself was answered; 0 while one is."""
+        return 0.0 if self._answers else monotonic() - self._heard_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or let the application do so."""
@@ -76,8 +82,12 @@ class Guard:
 
         try:
             self._check(scope)
-            whole = await _received(receive) if scope["type"] == "http" else receive
-            await self.app({**scope, "root_path": f"/{self.token}"}, whole, answer)
+            self._answers += 1
+            try:
+                whole = await _received(receive) if scope["type"] == "http" else receive
+                await self.app({**scope, "root_path": f"/{self.token}"}, whole, answer)
+            finally:
+                self._answers, self._heard_s = self._answers - 1, monotonic()
         except Refusal as refusal:
             # what may still come of the request is not read
             said = JSONResponse({"said": str(refusal)}, refusal.status, headers={"Connection": "close"})

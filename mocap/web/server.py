@@ -1,17 +1,22 @@
-"""The server of a page: uvicorn on 127.0.0.1, in a thread that ends with its command."""
+"""The server of a page: uvicorn on 127.0.0.1, in a thread that ends with its command, and what ends that."""
 
 import asyncio
 import os
 import secrets
+import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import uvicorn
-from starlette.types import ASGIApp
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mocap.errors import MocapError
@@ -69,25 +74,102 @@ class Connection(H11Protocol):
         self.loop.call_later(ANSWER_S, self.transport.abort)
 
 
-@dataclass(frozen=True)
+ENDS = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Signals that end a page: Ctrl-C, ``kill``, a terminal that is closed. Those that are ignored (``nohup``) do not."""
+
+
+@dataclass(frozen=True, eq=False)
 class Served:
     """A page that is served.
 
     Attributes:
         address: With its token: who has it may do all that the page can.
         thread: Of the server.
-        parent: Process that started this one.
+        guard: Before it.
     """
 
     address: str
     thread: threading.Thread
-    parent: int
+    guard: Guard
+    _end: threading.Event = field(default_factory=threading.Event)
+    _why: list[str] = field(default_factory=list)
 
-    def wait(self) -> None:
-        """Until Ctrl-C, the end of the parent process, or of the server."""
-        with suppress(KeyboardInterrupt):
-            while self.thread.is_alive() and os.getppid() == self.parent:
-                time.sleep(0.2)  # a signal during join() has Python 3.11 take the thread for ended
+    def end(self, why: str) -> None:
+        """End the page; of several reasons the first counts."""
+        self._why.append(why)
+        self._end.set()
+
+    def wait(self, *, idle_s: float | None = None, works: Callable[[], bool] = lambda: False) -> str:
+        """Until its button, a signal, or the end of the server; the end of the process that started this one is none.
+
+        Args:
+            idle_s: Also until so many seconds without a request; None: never.
+            works: Whether something goes on that no request waits for: it is not idle then.
+
+        Returns:
+            Why it ended.
+        """
+        # a signal that another thread gets, as a busy machine gives it, wakes no longer wait
+        while not self._end.wait(timeout=0.2):
+            if not self.thread.is_alive():
+                self.end("its server has ended")
+            elif idle_s is not None and self.guard.idle_s() > idle_s and not works():
+                self.end(f"no request came for {idle_s:g} s")
+        return self._why[0]
+
+
+@contextmanager
+def _signals(end: Callable[[str], None]) -> Iterator[None]:
+    """A signal ends the page; a second one does what it did before."""
+    before: dict[int, Any] = {}
+
+    def again() -> None:
+        while before:
+            signal.signal(*before.popitem())
+
+    def signalled(number: int, _frame: object) -> None:
+        again()
+        end(signal.Signals(number).name)
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (getattr(signal, name) for name in ENDS if hasattr(signal, name)):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, signalled)
+    try:
+        yield
+    finally:
+        again()
+
+
+class _Button:
+    """Answers ``end``, by which the page itself is ended; what else is asked for the application answers."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+        self.pressed: Callable[[], None] = lambda: None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope.get("method") == "POST" and scope["path"] == f"{scope['root_path']}/end":
+            await JSONResponse({"said": "ended"})(scope, receive, send)
+            self.pressed()
+        else:
+            await self.app(scope, receive, send)
+
+
+@contextmanager
+def forwarded(address: str) -> Iterator[str]:
+    """The address of a file that forwards to another: a browser gets it as an argument, which all users can read.
+
+    The file can be read by this user alone, and is there while the context lasts.
+    """
+    with TemporaryDirectory(prefix="mocap-") as folder:
+        path = Path(folder) / "open.html"
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
+            file.write(
+                '<!doctype html><meta charset="ascii"><meta name="referrer" content="no-referrer">'
+                f'<meta http-equiv="refresh" content="0; url={address}"><a href="{address}">mocap</a>\n'
+            )
+        yield path.as_uri()
 
 
 @contextmanager
@@ -97,12 +179,13 @@ def served(app: ASGIApp, *, port: int = 0) -> Iterator[Served]:
     Raises:
         MocapError: the port is taken.
     """
-    parent, token = os.getppid(), secrets.token_urlsafe(32)
+    token, button = secrets.token_urlsafe(32), _Button(app)
     with _listening(port) as listener:
         number = listener.getsockname()[1]
         host = HOST if number == 80 else f"{HOST}:{number}"  # as browsers write it
+        guard = Guard(button, host=host, token=token)
         config = uvicorn.Config(
-            Guard(app, host=host, token=token),
+            guard,
             http=Connection,
             ws="none",
             loop="asyncio",
@@ -122,7 +205,10 @@ def served(app: ASGIApp, *, port: int = 0) -> Iterator[Served]:
         try:
             while thread.is_alive() and not server.started:
                 time.sleep(0.01)
-            yield Served(f"http://{host}/{token}/", thread, parent)
+            site = Served(f"http://{host}/{token}/", thread, guard)
+            button.pressed = lambda: site.end("its button End")
+            with _signals(site.end):
+                yield site
         finally:
             server.should_exit = True
             thread.join(timeout=3.0)  # what still works ends with the process

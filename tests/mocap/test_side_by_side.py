@@ -2,12 +2,17 @@
 
 import errno
 import os
+import re
 import signal
+import subprocess
 import sys
+import time
 from functools import partial
 from multiprocessing import forkserver
+from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from mocap.datasets import make_bat, write_recording
 from mocap.filters.anatomy import Anatomy
@@ -21,10 +26,11 @@ from mocap.pipeline import learning, tracking
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
 from mocap.plots.figures import pictures
-from mocap.side_by_side import call_all
+from mocap.side_by_side import Lost, NoProcess, call_all, opened
 from tests.filters.test_gaps_in_trials import trial_of
 
 HERE = os.getpid()
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def square(x, *, progress=None):
@@ -76,14 +82,105 @@ def test_what_processes_are_forked_from_dies():
 
 
 def test_no_process_can_be_started(monkeypatch):
-    """Calls are made here."""
+    """Calls are made here; who wants them made elsewhere is told."""
 
     def exhausted(*_, **__):
         raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
 
-    with mocap.processes(2), monkeypatch.context() as patch:
-        patch.setattr(side_by_side.ProcessPoolExecutor, "submit", exhausted)
+    monkeypatch.setattr(side_by_side.Worker, "started", exhausted)
+    with mocap.processes(2):
         assert call_all([partial(square, 1), partial(square, 2)]) == [(1, HERE), (4, HERE)]
+    with opened(2) as pool, pytest.raises(NoProcess, match="see whether memory is left"):
+        list(pool.each({"a": partial(square, 1)}))
+
+
+def misbehaves(way, counter, *, progress=None):
+    """Does what no call should; the file counts how often."""
+    with counter.open("a") as stream:
+        stream.write("x")
+    if progress is not None:
+        progress("begun")
+    if way == "hangs":
+        re.match("(a+)+$", "a" * 64 + "b")  # keeps Python's lock
+    if way == "takes memory":
+        np.ones(1 << 28)  # 2 GB
+        time.sleep(60)
+    if way == "exits":
+        sys.exit(3)
+    if way == "raises what cannot be read":
+        raise Unreadable(1, 2)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Unreadable(Exception):
+    """Its pickle names one argument and it takes two."""
+
+    def __init__(self, one, two):
+        """With both."""
+        super().__init__(one + two)
+
+
+@pytest.mark.parametrize(
+    ("way", "why", "times"),
+    [("hangs", "time", 1), ("takes memory", "memory", 2), ("dies", "died", 2)],
+)
+def test_what_a_call_does_to_its_process_is_told_of_it_alone(tmp_path, way, why, times):
+    """Those beside it, and after it, are made; it is made again where another time may go better."""
+    if way == "takes memory" and not os.path.exists("/proc/self/statm"):
+        pytest.skip("no memory is told here")
+    counter, told = tmp_path / "counter", []
+    calls = {"bad": partial(misbehaves, way, counter), **{i: partial(square, i) for i in range(4)}}
+    limits = {"bad": 1.0}  # of 2^64 steps in vain
+    with opened(2, most_bytes=1e9) as pool:
+        found = dict(pool.each(calls, limit_s=lambda name: limits.get(name, 300.0) if way == "hangs" else 300.0,
+                               hear=lambda *said: told.append(said[1:])))  # fmt: skip
+    assert {name: future.result()[0] for name, future in found.items() if name != "bad"} == {i: i**2 for i in range(4)}
+    assert isinstance(lost := found["bad"].exception(), Lost)
+    assert lost.why == why
+    assert len(counter.read_text()) == times
+    assert told.count(("bad", "begun")) == times
+
+
+@pytest.mark.parametrize(("way", "text"), [("exits", "SystemExit: 3"), ("raises what cannot be read", "Unreadable: 3")])
+def test_a_call_ends_no_process(tmp_path, way, text):
+    """Not by an exit, and not by an error that cannot be sent as it is."""
+    with opened(1) as pool:
+        calls = {"bad": partial(misbehaves, way, tmp_path / "counter"), "where": partial(square, 1)}
+        found = {name: future for name, future in pool.each(calls)}
+        (again,) = (future for _, future in pool.each({"where": partial(square, 1)}))
+    with pytest.raises(RuntimeError, match=text):
+        found["bad"].result()
+    assert found["where"].result() == again.result()  # the same process
+
+
+PARENT = """
+import sys, time, re
+from functools import partial
+from mocap.side_by_side import opened
+from tests.mocap.test_side_by_side import misbehaves
+from pathlib import Path
+if __name__ == "__main__":
+    with opened(2) as pool:
+        list(pool.each({i: partial(misbehaves, "hangs", Path(sys.argv[1]) / str(i)) for i in range(2)}))
+"""
+
+
+def test_no_process_outlives_its_parent(tmp_path):
+    """Killed while its calls hang with Python's lock: ten seconds later there is none."""
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen([sys.executable, script, tmp_path], env=environment) as parent:
+        end = time.monotonic() + 300
+        while not all((tmp_path / name).exists() for name in "01"):
+            assert parent.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        children = psutil.Process(parent.pid).children(recursive=True)
+        assert len(children) >= 3
+        parent.kill()
+    left = psutil.wait_procs(children, timeout=10)[1]
+    assert not [child for child in left if child.status() != psutil.STATUS_ZOMBIE]
 
 
 def test_errors_are_those_of_the_call():

@@ -1,29 +1,30 @@
-"""Many trials on Dask: one after the other or killed in between, the same files."""
+"""Many trials: one after the other, killed in between, or on a Dask cluster, the same files."""
 
 import errno
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import psutil
 import pytest
-from distributed import Client, LocalCluster, Scheduler, Status
+from dask import config
+from distributed import Client, LocalCluster
 
 import mocap as library
-from mocap.batches import engine
+from mocap.batches import cluster, run
 from mocap.batches.find import find_trials
 from mocap.batches.one import track_trial
 from mocap.batches.run import shard_of
 from mocap.batches.summary import write_summary
-from mocap.batches.trial import NoWorkers, Options, earlier_record
+from mocap.batches.trial import Options, earlier_record
 from mocap.cli.view import with_recording
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io import output
@@ -62,9 +63,14 @@ def lab(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scheduler():
-    """The address of a cluster of two processes."""
-    with engine.client(jobs=2, memory=None, scheduler=None) as connected:
-        yield connected.scheduler_info()["address"]
+    """The address of a Dask cluster of two processes."""
+    settings = {"distributed.scheduler.allowed-failures": 1, "distributed.scheduler.worker-saturation": 1.0}
+    settings |= {"distributed.worker.memory.terminate": False, "distributed.worker.memory.pause": False}
+    with (
+        config.set(settings),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as found,
+    ):
+        yield found.scheduler_address
 
 
 def contents(out):
@@ -74,10 +80,10 @@ def contents(out):
 
 
 @pytest.fixture(scope="module")
-def undisturbed(lab, scheduler, tmp_path_factory):
+def undisturbed(lab, tmp_path_factory):
     """A batch of all trials, and its folder."""
     out = tmp_path_factory.mktemp("results")
-    return library.batch(lab, out, scheduler=scheduler, **QUICK), out
+    return library.batch(lab, out, **QUICK), out
 
 
 def test_each_trial_is_tracked_as_by_itself(lab, undisturbed, tmp_path):
@@ -121,13 +127,13 @@ def test_each_trial_is_tracked_as_by_itself(lab, undisturbed, tmp_path):
         library.load_batch(lab)
 
 
-def test_what_is_done_is_not_done_again(lab, undisturbed, scheduler, tmp_path, monkeypatch):
+def test_what_is_done_is_not_done_again(lab, undisturbed, tmp_path, monkeypatch):
     """A second call tracks nothing; a changed file, an option or a lost file of the result: that trial alone."""
     _, out = undisturbed
     before = contents(out)
     told = []
     with monkeypatch.context() as patch:
-        patch.setattr(engine, "client", None)  # no cluster is asked for
+        patch.setattr(run, "track_here", None)  # no process is asked for
         library.batch(lab, out, progress=told.append, **QUICK)
     assert (told[-1].before, told[-1].total) == (6, 6)
     assert contents(out) == before
@@ -135,28 +141,28 @@ def test_what_is_done_is_not_done_again(lab, undisturbed, scheduler, tmp_path, m
     for path in lab.rglob("*.csv"):
         (copy / path.relative_to(lab)).parent.mkdir(parents=True, exist_ok=True)
         (copy / path.relative_to(lab)).write_bytes(path.read_bytes())
-    library.batch(copy, out, progress=told.append, scheduler=scheduler, **QUICK)
+    library.batch(copy, out, progress=told.append, **QUICK)
     assert told[-1].before == 6  # the same content elsewhere
     write_trial(copy / "animal0/t2_xyzpts.csv", 7)
     (out / "animal1/t1/markers.csv").unlink()
-    library.batch(copy, out, progress=told.append, scheduler=scheduler, **QUICK)
+    library.batch(copy, out, progress=told.append, **QUICK)
     assert told[-1].before == 4
     assert {name.split("/")[1] for name, digest in contents(out).items() if before.get(name) != digest} == {"t2"}
-    library.batch(lab, out, scheduler=scheduler, **QUICK)
+    library.batch(lab, out, **QUICK)
     assert contents(out) == before
 
 
-def test_shards_make_the_same_results(lab, undisturbed, scheduler, tmp_path):
+def test_shards_make_the_same_results(lab, undisturbed, tmp_path):
     """Each takes its part; the summary of the last that ends is that of all; times are a file a shard."""
     _, out = undisturbed
     told = []
-    first = library.batch(lab, tmp_path / "out", shard="1/2", scheduler=scheduler, progress=told.append, **QUICK)
+    first = library.batch(lab, tmp_path / "out", shard="1/2", progress=told.append, **QUICK)
     assert (told[-1].done, told[-1].total, told[-1].failed) == (3, 3, 0)
     assert {doing for progress in told for doing in progress.workers.values()} >= {
         f"{name}: write" for name in first.own
     }
     assert len(first.table) == len(first.own) == 3
-    both = library.batch(lab, tmp_path / "out", shard="2/2", scheduler=scheduler, **QUICK)
+    both = library.batch(lab, tmp_path / "out", shard="2/2", **QUICK)
     assert len(both.table) == 6
     times = {"times_1_of_2.csv", "times_2_of_2.csv"}
     found = contents(tmp_path / "out")
@@ -170,14 +176,14 @@ def test_no_shard(text):
         shard_of(text)
 
 
-def test_a_model_of_all_trials(lab, scheduler, tmp_path):
+def test_a_model_of_all_trials(lab, tmp_path):
     """Learned once from those that can be read; no trial is filled from itself; a shard is told to learn first."""
     options = {"fps": FPS, "validate": False, "model": "learn"}
-    found = library.batch(lab / "animal0", tmp_path, scheduler=scheduler, **options)
+    found = library.batch(lab / "animal0", tmp_path, **options)
     assert list(found.table["model"]) == ["learned"] * 3
     assert "learned from t0, t4" in (tmp_path / "t2" / "report.json").read_text()
     written = (tmp_path / "model.npz").stat().st_mtime_ns
-    library.batch(lab / "animal0", tmp_path, scheduler=scheduler, **options)
+    library.batch(lab / "animal0", tmp_path, **options)
     assert (tmp_path / "model.npz").stat().st_mtime_ns == written
     with pytest.raises(MocapError, match="needs all trials"):
         library.batch(lab, tmp_path, shard="1/2", **options)
@@ -199,17 +205,6 @@ def test_a_worker_that_dies_is_replaced(lab, undisturbed, scheduler, tmp_path):
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
-def workers():
-    """Processes of clusters that this process has started."""
-    found = []
-    for child in psutil.Process().children(recursive=True):
-        try:
-            found += [child] if "spawn_main" in " ".join(child.cmdline()) else []
-        except psutil.NoSuchProcess:
-            continue
-    return found
-
-
 def has_ended(process):
     """Whether it runs no more; nobody may have asked for its exit code yet."""
     try:
@@ -218,83 +213,31 @@ def has_ended(process):
         return True
 
 
-def test_when_no_worker_is_left_others_are_started(lab, undisturbed, scheduler, tmp_path, monkeypatch):
-    """A cluster that stays without workers is left for another, and the bytes are the same; twice in vain is enough."""
-    clusters, track = [], engine.tracked
-
-    @contextmanager
-    def client(**options):
-        clusters.append(options)
-        with Client(scheduler, set_as_default=False) as connected:
-            yield connected
-
-    def one_alone(connected, trials, *arguments, **options):
-        yield from track(connected, trials[:1] if len(clusters) == 1 else trials, *arguments, **options)
-        if len(clusters) == 1:
-            raise NoWorkers("the cluster is without a worker")
-
-    def none(*_arguments, **_options):
-        raise NoWorkers("the cluster is without a worker")
-        yield
-
-    monkeypatch.setattr(engine, "client", client)
-    monkeypatch.setattr(engine, "tracked", one_alone)
-    library.batch(lab, tmp_path / "out", **QUICK)
-    assert [options["jobs"] for options in clusters] == [2, 2]
+def test_a_cluster_makes_the_same(lab, undisturbed, scheduler, tmp_path, mocap):
+    """The bytes of the processes of this machine; the command says what reaching a scheduler lets others do."""
+    code, _, err = mocap(
+        "batch", lab, "--out", tmp_path / "out", "--fps", FPS, "--model", "constant_velocity", "--no-validate",
+        "--scheduler", scheduler,
+    )  # fmt: skip
+    assert code == 0
+    assert f"Whoever reaches {scheduler} can run programs as you" in err
     assert contents(tmp_path / "out") == contents(undisturbed[1])
-    monkeypatch.setattr(engine, "tracked", none)
-    with pytest.raises(NoWorkers):
-        library.batch(lab, tmp_path / "other", **QUICK)
-    assert len(clusters) == 4
-
-
-def test_a_worker_goes_before_its_cluster_knew_of_it(monkeypatch):
-    """What watches the workers ends by a KeyError, which each call to close would raise again."""
-
-    def unknown(*event):
-        raise KeyError(event[-1])
-
-    monkeypatch.setattr(engine, "LocalCluster", lambda **options: LocalCluster(**options | {"processes": False}))
-    with engine.client(jobs=1, memory=None, scheduler=None) as connected:
-        cluster = connected.cluster
-        monkeypatch.setattr(LocalCluster, "_update_worker_status", unknown)
-    assert cluster.status == Status.closed
-
-
-def test_a_worker_starts_while_its_cluster_is_closed(monkeypatch):
-    """Dask raises the address of a worker whose connection does not stand yet, and leaves the others running."""
-    retire, asked = Scheduler.retire_workers, []
-
-    async def fails_thrice(scheduler, *arguments, **options):
-        asked.append(options)
-        if len(asked) <= 3:
-            raise KeyError("tcp://127.0.0.1:1")
-        return await retire(scheduler, *arguments, **options)
-
-    monkeypatch.setattr(Scheduler, "retire_workers", fails_thrice)
-    monkeypatch.setattr(engine, "LocalCluster", lambda **options: LocalCluster(**options | {"preload": []}))
-    others = set(workers())
-    with engine.client(jobs=1, memory=None, scheduler=None) as connected:
-        cluster = connected.cluster
-    assert len(asked) == 4
-    assert cluster.status == Status.closed
-    assert set(workers()) <= others
 
 
 @pytest.mark.parametrize("scheduler_goes", [False, True])
 def test_without_a_worker_it_ends_in_one_line(lab, tmp_path, monkeypatch, mocap, scheduler_goes):
     """A cluster whose workers do not come, or whose scheduler goes: told, with a summary of what is done."""
-    monkeypatch.setattr(engine, "WORKER_S", 0.5)
-    out, look = tmp_path / "out", engine._need_workers
-    with LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as cluster:
+    monkeypatch.setattr(cluster, "WORKER_S", 0.5)
+    out, look = tmp_path / "out", cluster.Cluster._need_workers
+    with LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as dask:
 
-        def looks(connected):
+        def looks(found):
             if scheduler_goes:
-                cluster.close()
-            look(connected)
+                dask.close()
+            look(found)
 
-        monkeypatch.setattr(engine, "_need_workers", looks)
-        code, _, err = mocap("batch", lab, "--out", out, "--fps", FPS, "--scheduler", cluster.scheduler_address)
+        monkeypatch.setattr(cluster.Cluster, "_need_workers", looks)
+        code, _, err = mocap("batch", lab, "--out", out, "--fps", FPS, "--scheduler", dask.scheduler_address)
     assert code == 1
     assert ("the connection to the Dask scheduler has ended" if scheduler_goes else "without a worker") in err
     assert "0 of 6 trials are finished" in err
@@ -302,14 +245,34 @@ def test_without_a_worker_it_ends_in_one_line(lab, tmp_path, monkeypatch, mocap,
     assert (out / "summary.csv").is_file()
 
 
-def test_processes_that_die_as_they_start(lab, tmp_path, monkeypatch):
-    """The batch ends, and says that they could not be started."""
-    (tmp_path / "sitecustomize.py").write_text(
-        "import os, signal, sys\nif 'spawn_main' in str(sys.orig_argv):\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+def test_processes_that_die_as_they_start(lab, tmp_path, command):
+    """The batch ends, and says that they could not be started; a script without a guard is told so."""
+    place = tmp_path / "dies"
+    place.mkdir()
+    (place / "sitecustomize.py").write_text(
+        "import os, signal, sys\nif 'forkserver' in str(sys.orig_argv):\n    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(MocapError, match=r"could not be started.*memory"):
-        library.batch(lab, tmp_path / "out", jobs=1, **QUICK)
+    done = command("batch", lab, "--out", tmp_path / "out", "--fps", FPS, environment={"PYTHONPATH": str(place)})
+    assert done.returncode == 1
+    assert re.search(r"could not be started.*memory", done.stderr)
+    script = tmp_path / "script.py"
+    script.write_text(f"import mocap\nmocap.batch({str(lab)!r}, {str(tmp_path / 'out')!r}, fps={FPS})\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 1
+    assert 'call mocap below `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
+
+
+@pytest.fixture
+def command():
+    """The command in a process of its own."""
+
+    def run_it(*words, environment=None, timeout_s=300):
+        script = "if __name__ == '__main__': from mocap.cli.main import main; main()"
+        variables = {**os.environ, **(environment or {})}
+        line = [sys.executable, "-c", script, *map(str, words)]
+        return subprocess.run(line, capture_output=True, text=True, check=False, timeout=timeout_s, env=variables)
+
+    return run_it
 
 
 def write_again(folder):
@@ -341,7 +304,7 @@ def test_a_disk_that_was_full_leaves_nothing(lab, undisturbed, tmp_path, monkeyp
     assert contents(out) == contents(undisturbed[1])
 
 
-def test_equal_failures_are_told_once(tmp_path, scheduler, mocap):
+def test_equal_failures_are_told_once(tmp_path, mocap):
     """In the order of the trials, with a count; before anything is tracked by --dry-run; exit 1 if nothing is."""
     for name in "cab":
         write_trial(tmp_path / "lab" / f"{name}_xyzpts.csv", 0)
@@ -350,7 +313,7 @@ def test_equal_failures_are_told_once(tmp_path, scheduler, mocap):
     code, _, err = mocap("batch", tmp_path / "lab", "--dry-run", "--out", tmp_path / "m.csv")
     assert code == 0
     assert err.startswith(f"4 of 4 trials cannot be tracked: {told}; d: d_xyzpts.csv: ")
-    code, _, err = mocap("batch", tmp_path / "lab", "--out", tmp_path / "out", "--scheduler", scheduler)
+    code, _, err = mocap("batch", tmp_path / "lab", "--out", tmp_path / "out")
     assert code == 1
     lines = [line for line in err.splitlines() if line.startswith("failed: ")]
     assert lines[0] == f"failed: {told}"
@@ -358,7 +321,7 @@ def test_equal_failures_are_told_once(tmp_path, scheduler, mocap):
     assert len(lines) == 2
 
 
-def test_killed_at_once(lab, undisturbed, scheduler, tmp_path):
+def test_killed_at_once(lab, undisturbed, tmp_path):
     """SIGKILL of the command while it tracks, and it goes on: the same bytes, nothing done twice, nothing left over."""
     out = tmp_path / "out"
     command = [sys.executable, "-c", "if __name__ == '__main__': from mocap.cli.main import main; main()"]
@@ -371,11 +334,13 @@ def test_killed_at_once(lab, undisturbed, scheduler, tmp_path):
             time.sleep(0.05)
         left = psutil.Process(running.pid).children(recursive=True)
         running.kill()
-    while not all(map(has_ended, left)):  # its worker ends when its pipe does
+    end = time.monotonic() + 10  # they end when its pipes do
+    while not all(map(has_ended, left)):
+        assert time.monotonic() < end, [process for process in left if not has_ended(process)]
         time.sleep(0.05)
     first = {path: path.stat().st_mtime_ns for path in out.glob("*/*/trial.json")}
     assert len(first) == 1
-    library.batch(lab, out, scheduler=scheduler, **QUICK)
+    library.batch(lab, out, **QUICK)
     assert contents(out) == contents(undisturbed[1])
     assert {path: path.stat().st_mtime_ns for path in first} == first
     assert not list(out.rglob(".mocap-partial*"))
@@ -393,12 +358,13 @@ def test_a_result_is_looked_at(undisturbed, tmp_path, monkeypatch):
 
 def test_wrong_usage(lab, tmp_path, mocap, monkeypatch):
     """One line each that tells what to do."""
-    monkeypatch.setattr(engine, "CONNECT_S", 0.5)
+    monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
     for options, told in (
         ({"model": "bad.npz"}, "or a file that mocap learn wrote"),
         ({"jobs": 0}, "give 1 or more"),
         ({"memory": "100MB"}, "needs 500 MB"),
         ({"memory": "much"}, "give it as 2GB"),
+        ({"limit_s": 0}, "seconds that a trial may take"),
         ({"scheduler": "tcp://127.0.0.1:9"}, "no Dask scheduler answers"),
     ):
         with pytest.raises(MocapError, match=told):

@@ -34,22 +34,23 @@ class Trap(WorkerPlugin):
 HOLD = """
 import multiprocessing, pathlib, sys, time
 
-read = set()
+ended = []
 
 def hold(event, arguments):
-    if event == "open" and str(arguments[0]).endswith(("_xypts.csv", "_xyzpts.csv")):
-        if "Nanny" in multiprocessing.current_process().name:
-            read.add(str(arguments[0]))
-            if len(read) > 1:
-                pathlib.Path({!r}).touch()
-                time.sleep(1e6)
+    if event != "open" or multiprocessing.parent_process() is None:
+        return
+    if str(arguments[0]).endswith("trial.json") and arguments[1] == "w":
+        ended.append(arguments[0])
+    elif ended and str(arguments[0]).endswith(("_xypts.csv", "_xyzpts.csv")):
+        pathlib.Path({!r}).touch()
+        time.sleep(1e6)
 
 sys.addaudithook(hold)
 """
 
 
 def second_held(folder: Path) -> Path:
-    """A folder for ``PYTHONPATH``: with it workers write ``held`` and stop where they would read their second trial."""
+    """A folder for ``PYTHONPATH``: with it processes write ``held`` and stop where they would read the second trial."""
     place = folder / "held_by"
     place.mkdir()
     (place / "sitecustomize.py").write_text(HOLD.format(str(place / "held")))

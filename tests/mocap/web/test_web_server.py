@@ -5,23 +5,25 @@ import os
 import re
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import httpx2
+import psutil
 import pytest
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from mocap.errors import MocapError
 from mocap.web import server
-from mocap.web.server import served
+from mocap.web.server import forwarded, served
 from mocap.web.tasks import Query, page, task
 from tests.mocap.digitising.filmed import video
 
@@ -227,14 +229,15 @@ from mocap.cli.main import main
 main()
 """
 CHILD = """
-import sys
+import os, sys
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
-from mocap.web.server import served
+from mocap.web.server import forwarded, served
 from mocap.web.tasks import page
 with served(page([Route("/", lambda _: PlainTextResponse("whole"))])) as site:
-    print(site.address, file=sys.stderr, flush=True)
-    site.wait()
+    print(site.address, os.getpid(), file=sys.stderr, flush=True)
+    why = site.wait(idle_s=float(sys.argv[1]) if len(sys.argv) > 1 else None)
+    print("ended:", why, file=sys.stderr, flush=True)
 """
 PARENT = "import subprocess, sys; subprocess.call([sys.executable, '-c', sys.argv[1]])"
 
@@ -259,18 +262,99 @@ def gone(address):
         time.sleep(0.1)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="processes of Windows have no parent that changes")
-def test_the_page_ends_with_the_parent():
-    """A parent that is killed cannot tell; its page ends all the same, where a command waits as ``digitise`` does."""
+def test_the_page_stays_when_its_parent_ends():
+    """As of ``nohup``, ``setsid``, a notebook: it is ended by a signal, and says so, without a traceback."""
     process, address = started(PARENT, CHILD)
     try:
-        assert httpx2.get(address).text == "whole"
         process.kill()
-        process.wait(600)
+        process.wait(60)
+        time.sleep(1.5)  # it was looked for twice a second
+        assert httpx2.get(address).text == "whole"
+        (child,) = [one for one in psutil.process_iter(["cmdline"]) if CHILD in (one.info["cmdline"] or ())]
+        child.terminate()
+        assert process.stderr.read() == "ended: SIGTERM\n"  # to its end
         gone(address)
     finally:
         process.kill()
-        process.communicate()
+        process.communicate(timeout=60)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_the_page_unless_it_is_ignored(name):
+    """It is told which; a page that is started with the signal ignored, as by ``nohup``, goes on."""
+    ignored = f"import signal\nsignal.signal(signal.{name}, signal.SIG_IGN)\n"
+    default = f"import signal\nsignal.signal(signal.{name}, signal.SIG_DFL)\n"
+    for script, ends in ((default + CHILD, True), (ignored + CHILD, False)):
+        process, address = started(script)
+        try:
+            process.send_signal(getattr(signal, name))
+            if ends:
+                assert process.wait(60) == 0
+                assert process.stderr.read() == f"ended: {name}\n"
+            else:
+                time.sleep(1.0)
+                assert httpx2.get(address).text == "whole"
+        finally:
+            process.kill()
+            process.communicate(timeout=60)
+
+
+def test_the_button_ends_the_page():
+    """Of the page alone: not by what only reads, and not from another one."""
+    process, address = started(CHILD)
+    try:
+        host = address.rsplit("/", 2)[0]
+        assert httpx2.get(address + "end").status_code == 404
+        assert httpx2.post(host + "/end", headers={"Origin": host}).status_code == 403
+        assert httpx2.post(address + "end", headers={"Origin": "http://example.com"}).status_code == 403
+        assert process.poll() is None
+        assert httpx2.post(address + "end", headers={"Origin": host}).json() == {"said": "ended"}
+        assert process.wait(60) == 0
+        assert process.stderr.read() == "ended: its button End\n"
+    finally:
+        process.kill()
+        process.communicate(timeout=60)
+
+
+def test_an_idle_page_ends_where_that_is_asked_for():
+    """So long after its last request; one of a stranger is none."""
+    process, address = started(CHILD, "2")
+    try:
+        begun = time.monotonic()
+        while time.monotonic() - begun < 4:
+            assert httpx2.get(address).text == "whole"
+            time.sleep(0.2)
+        host = address.rsplit("/", 2)[0]
+        end = time.monotonic() + 60
+        with suppress(httpx2.TransportError):
+            while time.monotonic() < end:
+                assert httpx2.get(host + "/").status_code == 403
+                time.sleep(0.2)
+        assert process.wait(60) == 0
+        assert process.stderr.read() == "ended: no request came for 2 s\n"
+    finally:
+        process.kill()
+        process.communicate(timeout=60)
+
+
+def test_what_goes_on_without_a_request_is_not_idle():
+    """It ends when that does."""
+    looks = iter([True, True, False])
+    with served(page([])) as site:
+        assert site.wait(idle_s=0.01, works=lambda: next(looks)) == "no request came for 0.01 s"
+    assert not list(looks)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has other rights")
+def test_a_browser_is_forwarded_by_a_file_of_this_user():
+    """What the browser gets as an argument holds no secret; the file is gone at the end."""
+    with forwarded("http://127.0.0.1:1/secret/") as link:
+        path = Path(urlsplit(link).path)
+        assert "secret" not in link
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+        assert 'content="0; url=http://127.0.0.1:1/secret/"' in path.read_text()
+    assert not path.exists()
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")

@@ -32,6 +32,7 @@ SLOW = {
     "benchmarks/gaps/test_gap_sets.py": 4,
     "benchmarks/gaps/test_peer_poses.py": 3,
     "datasets/test_calibration_pictures.py": 3,
+    "mocap/test_board_corners.py": 20,
     "datasets/test_catalogue.py": 2,
     "datasets/test_disturbances.py": 2,
     "datasets/test_movies.py": 2,

@@ -14,6 +14,9 @@ LEAST_PX = 2.5
 """Half a window in pixels at least: edges are as wide as that in images that are a little out of focus."""
 WIDEST = 0.45
 """Half a window in squares at most: two windows do not meet."""
+ASTRAY = 0.4
+"""Squares that a corner is off where the board's plane puts it, and five times as far as the median one: it was found
+at another corner. OpenCV does so where squares are small (12 px)."""
 STEPS = 40
 STILL_PX = 1e-3
 
@@ -31,6 +34,7 @@ def refined(picture: NDArray[np.uint8], grid: Array) -> Array:
         picture: In shades of grey.
         grid: (rows, columns, 2) pixels of the corners, to some tenths of a square.
     """
+    grid = _in_place(grid)
     along, across = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
     axes = np.stack([along, across], axis=-2).reshape(-1, 2, 2)  # of each corner, a row each
     area = np.abs(np.linalg.det(axes))
@@ -60,3 +64,23 @@ def refined(picture: NDArray[np.uint8], grid: Array) -> Array:
             break
     inside = np.linalg.norm(at - start, axis=-1) <= half * np.linalg.norm(axes, axis=-1).max(axis=-1)
     return np.where(inside[:, None], at, start).reshape(grid.shape)
+
+
+def _in_place(grid: Array) -> Array:
+    """(rows, columns, 2) corners, those that went astray where the board's plane puts them.
+
+    The plane is a homography that half of the corners fit best (least median of squares): lenses bend the others by
+    less than a square.
+    """
+    rows, columns = grid.shape[:2]
+    x, y = np.meshgrid(np.arange(columns, dtype=float), np.arange(rows, dtype=float))
+    board = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
+    plane, _ = cv2.findHomography(board, grid.reshape(-1, 1, 2), cv2.LMEDS)
+    if plane is None:
+        return grid
+    placed = np.asarray(cv2.perspectiveTransform(board, plane), dtype=float).reshape(grid.shape)
+    off = np.linalg.norm(grid - placed, axis=-1)
+    square = np.linalg.norm(np.gradient(placed, axis=1), axis=-1)
+    square = np.minimum(square, np.linalg.norm(np.gradient(placed, axis=0), axis=-1))
+    astray = (off > ASTRAY * square) & (off > 5 * np.median(off))
+    return np.where(astray[..., None], placed, grid)

@@ -231,7 +231,7 @@ def _instances(path: Path, _hints: Hints) -> FileContents:
             f"{path.name}: line {row + 2}, {numbers.columns[column]}: {cell!r} is not a number: correct it"
         )
     index = _frames_of_rows(path, numbers["frame_idx"])
-    values = numbers[columns].to_numpy(dtype=np.float64).reshape(len(table), len(nodes), 3)
+    values = np.asarray(numbers[columns], dtype=np.float64).reshape(len(table), len(nodes), 3)
     tracks = table["track"].fillna("").str.strip()
     place = np.zeros(len(table), dtype=int)
     seen = Counter[tuple[int, str]]()

@@ -64,7 +64,7 @@ class _Pool:
         self.executor = None
 
 
-MOST = 4
+MOST_PROCESSES = 4
 """Processes that one recording has work for."""
 _POOL: ContextVar[_Pool | None] = ContextVar("_POOL", default=None)
 
@@ -77,14 +77,14 @@ def processes(count: int | None = None) -> Iterator[None]:
     want it.
 
     Args:
-        count: Of processes; 1: only this one; None: one for each core, at most ``MOST``.
+        count: Of processes; 1: only this one; None: one for each core, at most ``MOST_PROCESSES``.
 
     Raises:
         MocapError: fewer than one.
     """
     if count is None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        count = min(cores, MOST)
+        count = min(cores, MOST_PROCESSES)
     if count < 1:
         raise MocapError(f"`count` of processes is {count}: give 1 or more")
     pool = None if count == 1 else _Pool.of(count)

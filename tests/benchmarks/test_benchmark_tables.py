@@ -11,7 +11,7 @@ from benchmarks import importers, tracker_speed
 from benchmarks.arena.judge import Names
 
 PACKAGES = ("gaps.__main__", "arena.__main__", "attack.__main__")
-CONTRACT = (*PACKAGES, "one_camera", "deviations", "importers", "batch", "digitise", "tracker_speed")
+CONTRACT = (*PACKAGES, "one_camera", "deviations", "importers", "batch", "digitise", "tracker_speed", "mutants")
 
 
 @pytest.mark.parametrize("name", CONTRACT)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 from mocap.datasets.bat_skeleton import MARKERS, SEGMENTS, TRUNK, Beat, bat_skeleton, membranes, wing, wing_tips
-from mocap.datasets.film import Motion, Scene, SyntheticRecording, film
+from mocap.datasets.film import FilmedScene, Motion, SyntheticRecording, film
 from mocap.datasets.linkage import Wander, draw_wander, rotated, skin_motion, turn
 from mocap.datasets.observe import WIND_TUNNEL, Digitiser
 from mocap.datasets.occlusion import Solid
@@ -249,7 +249,7 @@ def bat_scene(
     rolling: float,
     folding: tuple[float, float],
     manoeuvre: Manoeuvre,
-) -> Scene:
+) -> FilmedScene:
     """The bat's motion at times (T,), the same function of time for the same seed; others as in ``make_bat``."""
     rng = np.random.default_rng(seed)
     tempo = draw_wander(rng, band_hz=(0.3, 2.0))
@@ -298,7 +298,7 @@ def bat_scene(
         rotation=rotation @ head_turn,
         semi_axes_m=np.array([0.0165, 0.009, 0.0105]),
     )
-    return Scene(
+    return FilmedScene(
         skeleton=bat_skeleton(),
         t_s=t_s,
         xyz_m=position[:, None] + rotated(rotation[:, None], xyz),

@@ -29,7 +29,7 @@ _TANK_CHARUCO = Board(columns=7, rows=5, square_m=0.018, marker_m=0.0135)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class CatalogueEntry:
     """Something that can be made.
 
     Attributes:
@@ -43,11 +43,11 @@ class Entry:
     write: Callable[[int, Path, Progress], object]
 
 
-def _recording(name: str, what: str, make: Callable[..., SyntheticRecording], **options: Any) -> Entry:
+def _recording(name: str, what: str, make: Callable[..., SyntheticRecording], **options: Any) -> CatalogueEntry:
     def write(seed: int, folder: Path, _: Progress) -> None:
         write_recording(make(seed=seed, **options), folder, others=True)
 
-    return Entry(name=name, what=what, write=write)
+    return CatalogueEntry(name=name, what=what, write=write)
 
 
 def _movies(
@@ -57,7 +57,7 @@ def _movies(
     motion: Callable[[int], Motion],
     disturbances: Disturbances = CLEAN,
     **options: Any,
-) -> Entry:
+) -> CatalogueEntry:
     def write(seed: int, folder: Path, progress: Progress) -> None:
         recording = make(seed=seed, **options)
         filmed = {"start_s": recording.start_s, "disturbances": disturbances, "seed": seed}
@@ -67,32 +67,34 @@ def _movies(
         write_pixels(folder / f"{recording.name}_shown.csv", shown_pixels(motion(seed), t_s, cameras, **filmed))
         write_movies(motion(seed), t_s, cameras, folder, fps=recording.fps, progress=progress, **filmed)
 
-    return Entry(name=name, what=what, write=write)
+    return CatalogueEntry(name=name, what=what, write=write)
 
 
-def _pendulum(name: str, what: str, kind: Pendulum, noise_m: float) -> Entry:
+def _pendulum(name: str, what: str, kind: Pendulum, noise_m: float) -> CatalogueEntry:
     def write(seed: int, folder: Path, _: Progress) -> None:
         write_pendulum(make_pendulum(kind, seed=seed, noise_m=noise_m), folder)
 
-    return Entry(name=name, what=what, write=write)
+    return CatalogueEntry(name=name, what=what, write=write)
 
 
-def _session(name: str, what: str, rig: Callable[[], tuple[Camera, ...]], board: Board, n_frames: int) -> Entry:
+def _session(
+    name: str, what: str, rig: Callable[[], tuple[Camera, ...]], board: Board, n_frames: int
+) -> CatalogueEntry:
     depth = (0.7, 1.1) if board.square_m > 0.02 else (0.85, 1.1)
 
     def write(seed: int, folder: Path, progress: Progress) -> None:
         session = board_session(rig(), board, seed=seed, n_frames=n_frames, depth=depth)
         write_board_session(session, folder, progress=progress)
 
-    return Entry(name=name, what=what, write=write)
+    return CatalogueEntry(name=name, what=what, write=write)
 
 
-def _wand(name: str, what: str, rig: Callable[[], tuple[Camera, ...]], size_m: float) -> Entry:
+def _wand(name: str, what: str, rig: Callable[[], tuple[Camera, ...]], size_m: float) -> CatalogueEntry:
     def write(seed: int, folder: Path, _: Progress) -> None:
         reach_m = (1.5 * size_m, 0.7 * size_m, 0.7 * size_m)
         write_wand_sweep(wand_sweep(rig(), seed=seed, length_m=size_m, reach_m=reach_m), folder)
 
-    return Entry(name=name, what=what, write=write)
+    return CatalogueEntry(name=name, what=what, write=write)
 
 
 _TANK = partial(tank_cameras, 4, slope_rad=SLOPE_RAD)

@@ -16,7 +16,7 @@ from mocap.skeleton import Skeleton
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Scene:
+class FilmedScene:
     """An animal in motion.
 
     Attributes:
@@ -60,7 +60,7 @@ class Scene:
         )
 
 
-Motion = Callable[[Array], Scene]
+Motion = Callable[[Array], FilmedScene]
 """An animal over all time: from times (T,) to the scene at these times."""
 
 
@@ -199,7 +199,7 @@ def film(
     )
 
 
-def view(scene: Scene, camera: Camera, *, grazing_rad: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
+def view(scene: FilmedScene, camera: Camera, *, grazing_rad: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
     """Recorded pixels (T, M, 2) of a scene, and where a marker is hidden or off the image (T, M)."""
     exact_px = record([camera], scene.xyz_m)
     behind = occluded(

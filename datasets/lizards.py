@@ -5,7 +5,7 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from mocap.datasets.film import Motion, Scene, SyntheticRecording, film
+from mocap.datasets.film import FilmedScene, Motion, SyntheticRecording, film
 from mocap.datasets.linkage import bent, draw_wander, ramp, rotated, skin_motion, turn
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.occlusion import Solid
@@ -41,7 +41,7 @@ class Gait:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Steps:
+class Footsteps:
     """One foot over time, in cylindrical coordinates of the rod.
 
     Attributes:
@@ -61,7 +61,7 @@ class Steps:
 
 def steps(
     rng: np.random.Generator, progress_m: Array, gait: Gait, *, offset: float, ahead_m: float, around_rad: float
-) -> Steps:
+) -> Footsteps:
     """The steps of one foot of a body that has come ``progress_m`` along the rod.
 
     Step k stands while the body goes from (k + offset) to (k + offset + duty) strides, so that in mid-stance the foot
@@ -92,7 +92,7 @@ def steps(
     swing = np.maximum(u - gait.duty, 0) / (1 - gait.duty)
     here, there = foothold(k), foothold(k + 1)
     place = here + ramp(swing)[:, None] * (there - here)
-    return Steps(
+    return Footsteps(
         along_m=place[:, 0],
         around_rad=place[:, 1],
         lift_m=gait.lift_m * (4 * swing * (1 - swing)) ** 3,
@@ -228,7 +228,7 @@ def lizard_motion(seed: int, *, skin_m: float = 0.0002, rolling: float = 0.0) ->
     return partial(lizard_scene, seed=np.random.SeedSequence(seed).spawn(3)[0], skin_m=skin_m, rolling=rolling)
 
 
-def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float) -> Scene:
+def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float) -> FilmedScene:
     """The lizard's motion at times (T,), the same function of time for the same seed; others as in ``make_lizard``."""
     rng = np.random.default_rng(seed)
     progress = -0.14 + SPEED_M_S * (t_s + 0.1 * draw_wander(rng, band_hz=(0.3, 2.0)).integral(t_s))
@@ -262,7 +262,7 @@ def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rol
     world = turn(1, np.array(-SLOPE_RAD))
     standing = [contact.get(name, np.zeros(len(t_s), dtype=bool)) for name in MARKERS]
     # sets of markers that are lost together: each hand, each foot, the end of the tail
-    return Scene(
+    return FilmedScene(
         skeleton=lizard_skeleton(),
         t_s=t_s,
         xyz_m=rotated(world, xyz),
@@ -312,7 +312,7 @@ def _axis(
     return rod, girdles
 
 
-def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
+def _foot(foot: Footsteps, length_m: float, mirror: float) -> tuple[Array, Array]:
     """Toe and heel (T, 3) in the axes of the rod: the toe stands, the heel rises until the toe leaves."""
     outward = np.stack([np.zeros_like(foot.around_rad), np.sin(foot.around_rad), np.cos(foot.around_rad)], axis=-1)
     along = np.stack([foot.along_m, np.zeros_like(foot.along_m), np.zeros_like(foot.along_m)], axis=-1)

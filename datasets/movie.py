@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 from mocap.datasets.disturbances import CLEAN, Disturbances, Spoiler
-from mocap.datasets.film import Motion, Scene, outside, view
+from mocap.datasets.film import FilmedScene, Motion, outside, view
 from mocap.datasets.linkage import unit
 from mocap.datasets.occlusion import Solid
 from mocap.datasets.rig import picture_size
@@ -102,7 +102,7 @@ def pictures(
 
 
 def visible(
-    scene: Scene, camera: Camera, *, disturbances: Disturbances = CLEAN, seed: tuple[int, ...] = (0, 0)
+    scene: FilmedScene, camera: Camera, *, disturbances: Disturbances = CLEAN, seed: tuple[int, ...] = (0, 0)
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Recorded pixels (T, M, 2), and the markers that a video does not show (T, M): the truth that it is fit for."""
     uv_px, hidden = view(scene, camera)
@@ -131,7 +131,7 @@ def shown_pixels(
     return PixelTracks(names=names, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=np.stack(uv_px))
 
 
-def _spoiler(scene: Scene, camera: Camera, disturbances: Disturbances, seed: tuple[int, ...]) -> Spoiler:
+def _spoiler(scene: FilmedScene, camera: Camera, disturbances: Disturbances, seed: tuple[int, ...]) -> Spoiler:
     bones = sum(bone.rigid for bone in scene.skeleton.bones)
     return Spoiler(sizes=disturbances, size_px=picture_size(camera), n_frames=len(scene.t_s), n_bones=bones, seed=seed)
 
@@ -146,7 +146,7 @@ def _exposure_steps(uv_px: Array, hidden: NDArray[np.bool_], exposure: float) ->
 
 
 def picture(
-    scene: Scene,
+    scene: FilmedScene,
     camera: Camera,
     frame: int,
     uv_px: Array,
@@ -207,7 +207,7 @@ def picture(
 
 
 def _draw_skin(
-    drawn: NDArray[Any], scene: Scene, camera: Camera, frame: int, marker: int, texture: NDArray[np.float32]
+    drawn: NDArray[Any], scene: FilmedScene, camera: Camera, frame: int, marker: int, texture: NDArray[np.float32]
 ) -> None:
     """A round piece of skin about a marker, in the plane of the trunk and turned with it, as the camera sees it."""
     names = scene.skeleton.markers

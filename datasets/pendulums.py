@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from mocap.datasets.film import Scene, SyntheticRecording, film
+from mocap.datasets.film import FilmedScene, SyntheticRecording, film
 from mocap.datasets.linkage import rotated, turn
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.rig import aimed
@@ -228,7 +228,7 @@ def pendulum_skeleton() -> Skeleton:
     )
 
 
-def _scene(t_s: Array, *, kind: Pendulum, swing_rad: float, azimuth_rad: float) -> Scene:
+def _scene(t_s: Array, *, kind: Pendulum, swing_rad: float, azimuth_rad: float) -> FilmedScene:
     q = pendulum_motion(kind, t_s, swing_rad=swing_rad, azimuth_rad=azimuth_rad)[0]
     if kind == "planar":
         bob = np.stack([q[:, 0] * np.cos(q[:, 1]), np.zeros(len(q)), q[:, 0] * np.sin(q[:, 1])], axis=1)
@@ -236,7 +236,7 @@ def _scene(t_s: Array, *, kind: Pendulum, swing_rad: float, azimuth_rad: float) 
     else:
         bob = q
     stand = np.broadcast_to(np.array(list(STAND_M.values())), (len(q), len(STAND_M), 3))
-    return Scene(
+    return FilmedScene(
         skeleton=pendulum_skeleton(),
         t_s=t_s,
         xyz_m=np.concatenate([stand, bob[:, None]], axis=1),

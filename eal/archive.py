@@ -24,7 +24,7 @@ from eal.spectral import FILTERS, Scaling
 
 VERSION = 1  # of our files
 ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
-ROUNDING = 1e-9
+STORED_ROUNDING = 1e-9
 """Of eigenvalues, which are between 0 and 1: far above that of float64 for thousands of samples."""
 _DAMAGE = (
     OSError,
@@ -93,9 +93,9 @@ def _checked(arrays: dict[str, Array], settings: dict[str, Any]) -> dict[str, An
         if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} must be finite numbers of shape {shape}, but has shape {arrays[name].shape}")
     sigma, missing = arrays["eigenvalues"], float(settings["missing"])
-    if not (np.abs(sigma - 0.5) <= 0.5 + ROUNDING).all() or (np.diff(sigma) > ROUNDING).any():
+    if not (np.abs(sigma - 0.5) <= 0.5 + STORED_ROUNDING).all() or (np.diff(sigma) > STORED_ROUNDING).any():
         raise ValueError("eigenvalues must decrease from 1 or less to 0 or more")
-    if not -ROUNDING <= missing <= 1.0 + ROUNDING:
+    if not -STORED_ROUNDING <= missing <= 1.0 + STORED_ROUNDING:
         raise ValueError(f"missing is {missing:g}, expected 0 to 1")
     names, units, findings = (settings[name] for name in ("names", "units", "findings"))
     if not all(

@@ -22,10 +22,10 @@ ONE = "one scale"
 LAMBDAS = (3e-3, 1e-3, 3e-4)
 """V at the samples is some times lambda: 0.1 with 1e-2 and narrow kernels. Above the first eigenvalue V is one minus a
 kernel density, which is likelier still, and has no valley."""
-FARTHEST = 12
+FARTHEST_FACTOR = 12
 """Beta is at most so many factors of two from the usual one. Chosen; not measured."""
 WEIGHTS = tuple(2.0**k for k in range(-2, 9))
-BLOCKS = 5
+LEFT_OUT_BLOCKS = 5
 """A single recording is left out in so many blocks of consecutive samples, which hold a cycle or more each.
 Chosen; not measured."""
 
@@ -76,10 +76,10 @@ def choose(
     if trials is not None and len(trials) != len(z):
         raise ValueError(f"trials must name that of each of the {len(z)} samples, but has {len(trials)} names")
     noise = None if covariances is None else checked_covariances(covariances, z.shape)
-    fold = np.arange(len(z)) * BLOCKS // len(z)
+    fold = np.arange(len(z)) * LEFT_OUT_BLOCKS // len(z)
     if trials is not None:
         order = {name: i for i, name in enumerate(dict.fromkeys(trials))}
-        groups = min(len(order), 2 * BLOCKS)  # so many of whole trials tell as much as each of hundreds by itself
+        groups = min(len(order), 2 * LEFT_OUT_BLOCKS)  # of whole trials: as good as hundreds one by one
         fold = np.array([order[name] * groups // len(order) for name in trials])
     # over 27 joints they find 95 % of what all of 50 to 500 find in log likelihood
     some = np.linspace(0, len(z) - 1, min(len(z), 100)).astype(int)
@@ -89,7 +89,7 @@ def choose(
     start, tried = 0, []
     for metric, matrix in _metrics(z, noise):
         y, shift = z @ matrix.T, float(np.linalg.slogdet(matrix)[1])
-        usual, most = usual_kernel(y), FARTHEST
+        usual, most = usual_kernel(y), FARTHEST_FACTOR
         if noise is not None:
             sd2 = max(float(np.median(np.linalg.eigvalsh(matrix @ noise @ matrix.T)[:, -1])), 1e-300)
             # at 1 a sample's noise hides what it says of V (``deconvolved``)
@@ -101,7 +101,7 @@ def choose(
         at = min(start, most)
         found = {at: score(at)}
         for step in (1, -1):
-            while -FARTHEST <= at + step <= most:
+            while -FARTHEST_FACTOR <= at + step <= most:
                 found[at + step] = score(at + step)
                 if found[at + step].max() <= found[at].max():
                     break

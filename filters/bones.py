@@ -12,7 +12,7 @@ from eal.arrays import Array
 
 RIGID = 0.05
 """A rigid bone varies by no larger share of its length. Chosen, not measured."""
-LEAST = 0.02
+LEAST_SIZE = 0.02
 """Sizes that differ by less, or by less than twice what their estimate errs by, count as equal. Chosen,
 not measured."""
 
@@ -107,7 +107,7 @@ def relative_size(trial: MarkerTrial, other: MarkerTrial) -> tuple[float, float]
     ok = np.isfinite(error)
     if ok.sum() < 3:
         return 0.0, np.inf
-    ratio, weight = (one - two)[ok], 1 / (error[ok] ** 2 + LEAST**2)
+    ratio, weight = (one - two)[ok], 1 / (error[ok] ** 2 + LEAST_SIZE**2)
     mean = float(np.average(ratio, weights=weight))
     markers = trial.xyz_m.shape[1]  # pairs share markers: no more of them are independent
     spread = float(np.average((ratio - mean) ** 2, weights=weight))
@@ -126,7 +126,7 @@ def log_distances(trial: MarkerTrial, ends: NDArray[np.int64]) -> tuple[Array, A
 def size_factor(trial: MarkerTrial, target: MarkerTrial) -> float:
     """By how much an animal is to be enlarged to be as large as another one; 1 where no difference is certain."""
     log_ratio, error = relative_size(target, trial)
-    return float(np.exp(log_ratio)) if abs(log_ratio) > max(LEAST, 2 * error) else 1.0
+    return float(np.exp(log_ratio)) if abs(log_ratio) > max(LEAST_SIZE, 2 * error) else 1.0
 
 
 def sized_like(trials: Sequence[MarkerTrial], target: MarkerTrial) -> list[MarkerTrial]:

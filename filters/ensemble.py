@@ -118,7 +118,7 @@ def predict(
 
 
 @dataclass(frozen=True, eq=False)
-class Update:
+class EnsembleUpdate:
     """A state after an observation.
 
     Attributes:
@@ -136,7 +136,7 @@ class Update:
 
 def update(
     state: Gaussian, h: Callable[[Array], Array], y: Array, sd: Array, points: "MerweScaledSigmaPoints"
-) -> Update:
+) -> EnsembleUpdate:
     """Condition a state on observations with independent noise.
 
     No m x m matrix is formed: with whitened ensemble rows A, C = 1 + A A^T = U U^T (U upper), the posterior factor is
@@ -156,7 +156,7 @@ def update(
     predicted, a = ensemble(h(spread(state, c)), c, gamma)
     innovation = y - predicted
     if not len(y):
-        return Update(state, innovation, np.nan, 0.0)
+        return EnsembleUpdate(state, innovation, np.nan, 0.0)
     a, white, n = a / sd, innovation / sd, len(state.mean)
     inside = gram(a, lower=False)
     inside[np.diag_indices(len(a))] += 1
@@ -166,7 +166,7 @@ def update(
     log_det = 2 * float(np.log(np.diag(reverse)).sum())
     nis = float(white @ white - w @ w)
     log_likelihood = -0.5 * (len(y) * np.log(2 * np.pi) + 2 * np.log(sd).sum() + log_det + nis)
-    return Update(Gaussian(state.mean + factor @ w[:n], factor), innovation, nis, float(log_likelihood))
+    return EnsembleUpdate(Gaussian(state.mean + factor @ w[:n], factor), innovation, nis, float(log_likelihood))
 
 
 def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) -> Gaussian:

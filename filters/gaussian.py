@@ -22,7 +22,7 @@ from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run
 
 from eal.arrays import Array
 
-MOST = float(np.finfo(float).eps) ** -0.5
+MOST_AT_ONCE = float(np.finfo(float).eps) ** -0.5
 """No observation makes anything known better by more than this factor in variance at once: of a sharper one a share of
 its information is taken first, and then the rest. 1 + H P H^T keeps half of its digits, whatever the noise."""
 SUBTRACTS_TO = 1e4
@@ -344,8 +344,8 @@ def condition(state: Moments, rows: Array, gains: Array, innovation: Array) -> t
     reads, n = rows.shape[-1], state.mean.shape[-1]
     spread = gains[..., :reads] @ _t(rows)
     widest = float(diagonal(spread).max(initial=0.0))
-    if widest > MOST:
-        share = 0.5 * MOST / widest
+    if widest > MOST_AT_ONCE:
+        share = 0.5 * MOST_AT_ONCE / widest
         before, first = condition(state, share**0.5 * rows, share**0.5 * gains, share**0.5 * innovation)
         rest, moved = (1 - share) ** 0.5, (before.mean - state.mean)[..., :reads]
         rows = rest * rows

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 
-MOST = 60
+MOST_MARKERS = 60
 """Models of more markers than this are filtered in groups of about half as many: a frame of the dense
 filter costs the cube of their number, 58 ms with 60 (docs/experiments/many_markers.md)."""
 
@@ -35,7 +35,7 @@ Markers = NDArray[np.int64]
 def groups_of(model: PoseMotion, size: int | None = None) -> list[Markers]:
     """Markers in groups of about equal size, markers that a bone or a limb joins in one group where there is room."""
     count = len(model.subspace.mean) // 3
-    wanted = -(-count // (size or MOST // 2))
+    wanted = -(-count // (size or MOST_MARKERS // 2))
     most = -(-count // wanted)
     units = _limbs(model) + ([] if model.bones is None else [ends.tolist() for ends in model.bones.ends])
     of = np.arange(count)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mocap.filters.bones import LEAST, log_distances, rigid_bones, sized_like
+from mocap.filters.bones import LEAST_SIZE, log_distances, rigid_bones, sized_like
 from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
 from mocap.filters.motion.potential import Bones
 from mocap.filters.poses import LEAST_KNOWN, MATERN_3_2_HALF, MarkerTrial, poses_of
@@ -44,7 +44,7 @@ class Barrier:
 
 
 @dataclass(frozen=True, eq=False)
-class Quadratic:
+class QuadraticPrior:
     """Half of the squared Mahalanobis distance: the Gaussian of the same poses, as ``Barrier``."""
 
     mean: Array
@@ -96,7 +96,7 @@ class PosePrior:
     constant: Array
     shape_noise: Array
     step: Array
-    hold: Barrier | Quadratic
+    hold: Barrier | QuadraticPrior
     body_noise: Array
     body_step: Array
     left_sd: Array
@@ -122,11 +122,11 @@ class PosePrior:
         """Frames that what shapes leave errs alike for."""
         return lasting_frames(self.left_decay)
 
-    def gaussian(self) -> Quadratic:
+    def gaussian(self) -> QuadraticPrior:
         """The Gaussian of its shapes."""
         cov = np.cov(self.shapes.T).reshape(self.rank, self.rank)
         floor = (1e-9 * np.trace(cov) + 1e-12) * np.eye(self.rank)  # a micrometre where shapes do not vary
-        return Quadratic(self.shapes.mean(axis=0), np.linalg.inv(cov + floor))
+        return QuadraticPrior(self.shapes.mean(axis=0), np.linalg.inv(cov + floor))
 
 
 def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, whole: PosePrior | None = None) -> PosePrior:
@@ -253,16 +253,16 @@ def size_spread(trials: Sequence[MarkerTrial]) -> float:
     """Deviation of the logarithm of an animal's size in a trial to come, by the bones that trials keep.
 
     A trial's size is the median over bones of how much longer they are in it than in all: markers that are placed
-    elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals (``bones.LEAST``),
-    which counts as one more trial.
+    elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals
+    (``bones.LEAST_SIZE``), which counts as one more trial.
     """
     ends = rigid_bones(trials).ends
     sizes = np.array([log_distances(trial, ends)[0] for trial in trials])
     kept = np.isfinite(sizes).all(axis=0)
     if not kept.any():
-        return LEAST
+        return LEAST_SIZE
     sizes = np.median(sizes[:, kept] - sizes[:, kept].mean(axis=0), axis=1)
-    return float(np.sqrt((LEAST**2 + np.sum((sizes - sizes.mean()) ** 2)) / len(trials)))
+    return float(np.sqrt((LEAST_SIZE**2 + np.sum((sizes - sizes.mean()) ** 2)) / len(trials)))
 
 
 def autoregression(parts: Sequence[Array]) -> tuple[Array, Array, Array, Array]:

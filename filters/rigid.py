@@ -15,7 +15,7 @@ from scipy.special import fdtri
 
 from eal.arrays import Array
 
-LEAST = 3
+FEWEST_OF_BODY = 3
 """Markers of a body: two have no axes."""
 WOBBLES_DEG = 5.0
 """How far the frame of a body turns at most by what its markers move in it."""
@@ -50,7 +50,7 @@ def distance_spread(trial: MarkerTrial) -> tuple[Array, Array]:
         number = seen.sum(axis=0)
         away = np.where(seen, apart - np.where(seen, apart, 0.0).sum(axis=0) / np.maximum(number, 1), 0.0)
         squares = (away**2).sum(axis=0)
-        enough = (number >= LEAST) & (squares > 0)
+        enough = (number >= FEWEST_OF_BODY) & (squares > 0)
         spread[a, enough] = np.sqrt(squares / np.maximum(number - 1, 1))[enough]
         samples[a] = independent_samples(away)
     return spread, samples
@@ -69,7 +69,7 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
 
     spread, samples = distance_spread(trial)
     count = len(spread)
-    if count < LEAST:
+    if count < FEWEST_OF_BODY:
         return []
     finite = spread[np.isfinite(spread)]
     widest = 10 * float(finite.max(initial=0.0)) + 1.0
@@ -80,7 +80,7 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
     for a, b, height, _ in linkage(squareform(heights, checks=False), "complete"):
         members = sorted(sets[int(a)] + sets[int(b)])
         sets.append(members)
-        if len(members) < LEAST or height >= widest:
+        if len(members) < FEWEST_OF_BODY or height >= widest:
             continue
         pairs = np.array(np.triu_indices(len(members), 1))
         shown = float(np.median(samples[members][:, members][pairs[0], pairs[1]]))
@@ -127,7 +127,7 @@ def wobble_deg(xyz: Array) -> float:
     return float(np.degrees(np.arctan2(left, extent))) if np.isfinite(left) else np.inf
 
 
-FREE = 1e4
+VAGUE = 1e4
 """Variance of a body's rigid motion over that of its markers' places: nothing is known of it, to eight digits."""
 
 
@@ -163,7 +163,7 @@ def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
     index = np.array(members)
     xyz = trial.xyz_m[:, index]
     count = np.isfinite(xyz[..., 0]).sum(axis=1)
-    frames = np.flatnonzero(count > LEAST)
+    frames = np.flatnonzero(count > FEWEST_OF_BODY)
     if len(frames) < FEWEST_FRAMES:
         return None
     place = trunk_shape(xyz[frames])
@@ -175,7 +175,7 @@ def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
     weight = float(np.median(independent_samples(np.where(np.isfinite(left), left, 0.0))))
     mean, spread = np.zeros(size), free * inner
     for _ in range(8):  # places are known after two or three rounds
-        found, extra = expected(left, mean, spread + FREE * free * motions @ motions.T + 1e-6 * free * np.eye(size))
+        found, extra = expected(left, mean, spread + VAGUE * free * motions @ motions.T + 1e-6 * free * np.eye(size))
         second = inner @ (found.T @ found + extra) @ inner / len(found)
         total, squares, p = float(np.trace(second)), float(np.sum(second**2)), size - 6
         equal = ((1 - 2 / p) * squares + total**2) / (
@@ -284,17 +284,17 @@ def completed(trial: MarkerTrial, bodies: Sequence[Sequence[int]]) -> Completed:
     cov, lasting = np.full((2, *xyz.shape, 3), np.nan)
     for members in bodies:
         hidden = ~trial.seen[:, list(members)]
-        if not hidden.any() or len(members) <= LEAST:
+        if not hidden.any() or len(members) <= FEWEST_OF_BODY:
             continue
         shape = body_shape(trial, members)
         if shape is None:
             continue
         seen_m, rotation, position = _in_axes(trial.xyz_m[:, shape.members], shape.place_m)
-        whole = shape.spread + FREE * np.trace(shape.spread) / len(shape.spread) * shape.motions @ shape.motions.T
+        whole = shape.spread + VAGUE * np.trace(shape.spread) / len(shape.spread) * shape.motions @ shape.motions.T
         ever = trial.seen[:, shape.members].any(axis=0)
         for seen, frames in patterns(~hidden):
             lost = np.flatnonzero(~seen & ever)
-            if seen.sum() < LEAST or not len(lost):
+            if seen.sum() < FEWEST_OF_BODY or not len(lost):
                 continue
             rows = np.repeat(seen, 3)
             columns = (3 * lost[:, None] + np.arange(3)).ravel()
@@ -302,7 +302,7 @@ def completed(trial: MarkerTrial, bodies: Sequence[Sequence[int]]) -> Completed:
             error = np.zeros((len(columns), len(whole)))
             error[:, rows], error[np.arange(len(columns)), columns] = -by.T, 1.0
             lasts = error @ shape.lasting @ error.T
-            vague = FREE * np.trace(shape.spread) / len(shape.spread) * np.sum((error @ shape.motions) ** 2)
+            vague = VAGUE * np.trace(shape.spread) / len(shape.spread) * np.sum((error @ shape.motions) ** 2)
             total = lasts + (by.T * np.repeat(shape.noise[seen], 3)) @ by
             extent = np.linalg.svd(shape.place_m - shape.place_m.mean(axis=0), compute_uv=False)[1]
             limit = (np.tan(np.radians(WOBBLES_DEG)) * extent) ** 2 / len(shape.members)

@@ -11,7 +11,7 @@ RATES = 2.0 ** np.arange(-2, 3.5, 0.5)
 """Multiples of the usual rate that are looked at."""
 NOISES = 2.0 ** np.arange(-0.75, 0.25, 0.25)
 """Multiples of the stated noise that are looked at, as scales of Student's t."""
-MOST_FRAMES = 400
+RATE_FRAMES = 400
 """Of longer recordings so many frames in the middle are looked at. Chosen; not measured."""
 
 
@@ -34,8 +34,8 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, usual
     Returns:
         (3M,) rates in 1/s.
     """
-    middle = max(0, (len(residual) - MOST_FRAMES) // 2)
-    part, rates = slice(middle, middle + MOST_FRAMES), usual_hz * RATES
+    middle = max(0, (len(residual) - RATE_FRAMES) // 2)
+    part, rates = slice(middle, middle + RATE_FRAMES), usual_hz * RATES
     likelihoods = partial(_likelihoods, residual[part], dt_s=dt_s, sd=sd, rates=rates)
     together = [likelihoods(factor * noise_sd[part], dof=4.0).sum(axis=1) for factor in NOISES]
     least = int(max(together, key=np.max).argmax())

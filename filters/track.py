@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
-from mocap.filters.groups import MOST, groups_of, smooth_in_groups
+from mocap.filters.groups import MOST_MARKERS, groups_of, smooth_in_groups
 from mocap.filters.limb_potential import LimbKeeper
 from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.motion.pose import PoseMotion
@@ -133,7 +133,7 @@ def smooth(
         rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST:
+    if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST_MARKERS:
         one = partial(smooth, gate_sd=gate_sd, most_bytes=most_bytes)
         return smooth_in_groups(
             model, observations, t_s, groups_of(model), one, rate_points=rate_points, progress=progress

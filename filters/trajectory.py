@@ -55,7 +55,7 @@ class Problem(Protocol, Generic[X]):
 
 
 @dataclass(frozen=True, eq=False)
-class Factor:
+class BandFactor:
     """The Cholesky factor of a quadratic form.
 
     Attributes:
@@ -74,7 +74,7 @@ class Factor:
         return cho_solve_banded((self.band, True), flat, check_finite=False).reshape(right.shape)
 
 
-def factor(form: Quadratic, damping: float = 0.0) -> Factor:
+def factor(form: Quadratic, damping: float = 0.0) -> BandFactor:
     """Factorise a form, its diagonal enlarged by a share of itself.
 
     Raises:
@@ -90,12 +90,12 @@ def factor(form: Quadratic, damping: float = 0.0) -> Factor:
         at = n * np.arange(steps - lag)[:, None]
         lower[(lag * n + row - column)[use], at + column[use]] = block[:, use]
     lower[0] *= 1 + damping
-    return Factor(
+    return BandFactor(
         (steps, n), len(form.band) - 1, cholesky_banded(lower, lower=True, overwrite_ab=True, check_finite=False)
     )
 
 
-def covariance(found: Factor) -> list[Array]:
+def covariance(found: BandFactor) -> list[Array]:
     """(T - l, n, n) covariances of the states of frames t + l and t, for l = 0, 1, ..., L."""
     (steps, n), lags = found.shape, min(found.lags, found.shape[0] - 1)
     row, column = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")

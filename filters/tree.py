@@ -14,7 +14,7 @@ _NEAR = 1e-2
 """Squared angle below which series stand for quotients that lose digits: there both are right to 1e-11."""
 STEP_RAD = 0.5
 """Steps of an iteration turn a joint by at most so many radians. Chosen, not measured."""
-AT_ONCE = 200
+POSES_AT_ONCE = 200
 """Frames that are fitted at once."""
 
 
@@ -199,8 +199,8 @@ def fit_poses(tree: Tree, xyz_m: Array, sd_m: Array, *, root: tuple[float, float
         sd_m: (T, M) their standard deviations.
         root: Deviations of the root's shift, over the extent of the places of markers, and of its turn, in radians.
     """
-    starts = range(0, len(xyz_m), AT_ONCE)
-    parts = [_fit(tree, xyz_m[i : i + AT_ONCE], sd_m[i : i + AT_ONCE], root) for i in starts]
+    starts = range(0, len(xyz_m), POSES_AT_ONCE)
+    parts = [_fit(tree, xyz_m[i : i + POSES_AT_ONCE], sd_m[i : i + POSES_AT_ONCE], root) for i in starts]
     return FittedPoses(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 

@@ -43,7 +43,7 @@ LOOK_S = 0.5
 """Seconds between two looks at the memory of processes: it is filled by some GB a second."""
 END_S = 5.0
 """What has nothing to do and does not end by itself in that time is ended."""
-MOST = 4
+MOST_PROCESSES = 4
 """Processes that one recording has work for."""
 
 
@@ -381,14 +381,14 @@ def processes(count: int | None = None) -> Iterator[None]:
     want it.
 
     Args:
-        count: Of processes; 1: only this one; None: one for each core, at most ``MOST``.
+        count: Of processes; 1: only this one; None: one for each core, at most ``MOST_PROCESSES``.
 
     Raises:
         MocapError: fewer than one.
     """
     if count is None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        count = min(cores, MOST)
+        count = min(cores, MOST_PROCESSES)
     if count < 1:
         raise MocapError(f"`count` of processes is {count}: give 1 or more")
     with nullcontext() if count == 1 else opened(count) as pool:

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from mocap.datasets.bat_skeleton import bat_skeleton
 from mocap.datasets.bats import Manoeuvre, bat_motion
-from mocap.datasets.film import Motion, Scene, film
+from mocap.datasets.film import FilmedScene, Motion, film
 from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, lizard_skeleton
 from mocap.datasets.observe import Digitiser
 from mocap.datasets.rig import tank_cameras, tunnel_cameras
@@ -48,7 +48,7 @@ class Twin:
     gait: str = ""
 
 
-def scaled_scene(t_s: Array, *, motion: Motion, size: float) -> Scene:
+def scaled_scene(t_s: Array, *, motion: Motion, size: float) -> FilmedScene:
     """A motion of an animal of so many times the size, about the world's origin."""
     scene = motion(t_s)
     solids = tuple(
@@ -58,7 +58,7 @@ def scaled_scene(t_s: Array, *, motion: Motion, size: float) -> Scene:
     return replace(scene, xyz_m=size * scene.xyz_m, solids=solids, clearance_m=size * scene.clearance_m)
 
 
-def sped_scene(t_s: Array, *, motion: Motion, speed: float) -> Scene:
+def sped_scene(t_s: Array, *, motion: Motion, speed: float) -> FilmedScene:
     """A motion that runs so many times as fast."""
     return replace(motion(speed * t_s), t_s=t_s)
 

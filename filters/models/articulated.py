@@ -35,9 +35,9 @@ from eal.arrays import Array
 ROOT = 0.01, 0.03
 """A trunk is near the body's path: to that share of the animal's extent, and in radians (``_with_riders``).
 Chosen; not measured."""
-MOST_FRAMES = 4000
+TAUGHT_FRAMES = 4000
 """Of other recordings, from which joints and angles are learned. Chosen; not measured."""
-FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
+FREEDOMS = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
 ANGLES = PoseSettings(ranks=(8,), bones=0.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
 
@@ -82,10 +82,10 @@ class ArticulatedSettings(TrajectoryModel):
 
 
 def _taught_by(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:
-    """The last trial, and of the others the first ``MOST_FRAMES``: each frame is fitted by itself, which takes time."""
+    """The last trial, and of the others the first ``TAUGHT_FRAMES``: fitting each frame takes time."""
     *others, last = trials
     before = np.cumsum([0, *(len(trial.t_s) for trial in others)])
-    return [*(trial for trial, start in zip(others, before, strict=False) if start < MOST_FRAMES), last]
+    return [*(trial for trial, start in zip(others, before, strict=False) if start < TAUGHT_FRAMES), last]
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +176,7 @@ def find_build(body: Array, sd_m: Array, anatomy: Anatomy, chain: bool) -> Build
         if twin != j and mirror is not None:
             rest[j] += mirror @ rest[twin]
             rest[j] /= np.linalg.norm(rest[j])
-            kind = max(kind, kinds[int(child[twin])], key=FREE.__getitem__)
+            kind = max(kind, kinds[int(child[twin])], key=FREEDOMS.__getitem__)
         axes[j] = _axes(kind, rest[j], rest[index[int(centre[j])]] if int(centre[j]) in index else None, found.get(c))
     return Build(anatomy.trunk, limbs, child, centre, rest, axes, mirror is not None)
 
@@ -214,7 +214,7 @@ def _axes(kind: str, rest: Array, before: Array | None, found: Articulation | No
         return (normal / np.linalg.norm(normal))[None]
     first = np.cross(rest, np.eye(3)[np.argmin(np.abs(rest))])
     first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(rest, first), rest])[: FREE[kind]]
+    return np.stack([first, np.cross(rest, first), rest])[: FREEDOMS[kind]]
 
 
 def tree_of(build: Build, body: Array, sd_m: Array, usual: Array) -> Tree:

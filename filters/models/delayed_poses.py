@@ -24,7 +24,7 @@ from eal.arrays import Array
 
 EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""
-TOGETHER = 25
+GAPS_TOGETHER = 25
 """Gaps of a marker that are filled at once, at most."""
 LAGS = np.array((-1.2, -0.4, 0.0, 0.4, 1.2))
 """Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot)."""
@@ -34,7 +34,7 @@ not measured."""
 
 
 @dataclass(frozen=True, eq=False)
-class Gap:
+class MarkerGap:
     """Frames in which a marker is not seen.
 
     Attributes:
@@ -68,12 +68,12 @@ def fill_delayed(
     delayed, frames = Delayed(trials, shapes), trials[-1].frames
     law = Covariance.of(np.array(covariance)) if covariance else delayed.covariance()
     y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3, 3), np.nan)
-    alike: dict[tuple[int, bytes], list[Gap]] = {}
+    alike: dict[tuple[int, bytes], list[MarkerGap]] = {}
     for gap in gaps_of(seen):
         alike.setdefault((gap.marker, gap.others.tobytes()), []).append(gap)
     for gaps in alike.values():
-        for k in range(0, len(gaps), TOGETHER):
-            delayed.fill(gaps[k : k + TOGETHER], law, y, spread)
+        for k in range(0, len(gaps), GAPS_TOGETHER):
+            delayed.fill(gaps[k : k + GAPS_TOGETHER], law, y, spread)
     track = delayed.poses[-len(seen) :]
     for gap in (gap for gaps in alike.values() for gap in gaps):
         m = gap.marker
@@ -126,7 +126,7 @@ class Delayed:
                 tasks += [(t.rows, t.values) for t in self._tasks(hidden[0], others, frames, frames[:0])]
         return fitted(tasks)
 
-    def fill(self, gaps: Sequence[Gap], covariance: Covariance, y: Array, spread: Array) -> None:
+    def fill(self, gaps: Sequence[MarkerGap], covariance: Covariance, y: Array, spread: Array) -> None:
         """Write positions in the body (T, M, 3) and covariances (T, M, 3, 3) into gaps of one marker, equal others."""
         marker, others = gaps[0].marker, gaps[0].others
         edges = np.unique(np.concatenate([gap.edges for gap in gaps]))
@@ -268,13 +268,13 @@ def averaged(means: Array, covs: Array) -> tuple[Array, Array]:
     return mean, np.einsum("k...,k...ij->...ij", weight, covs + apart[..., :, None] * apart[..., None, :])
 
 
-def gaps_of(seen: NDArray[np.bool_]) -> Iterator[Gap]:
+def gaps_of(seen: NDArray[np.bool_]) -> Iterator[MarkerGap]:
     """All gaps of (T, M) sightings, those at the ends of the trial included."""
     for marker, start, stop in unseen_runs(seen):
         near = np.concatenate([start - 1 - EDGE[::-1], stop + EDGE])
         near = near[(near >= 0) & (near < len(seen))]
         others = seen[start:stop].mean(axis=0) >= 0.5
-        yield Gap(marker, np.arange(start, stop), near[seen[near, marker]], others)
+        yield MarkerGap(marker, np.arange(start, stop), near[seen[near, marker]], others)
 
 
 def completed(trials: Sequence[PoseTrial], shapes: Shapes) -> list[Array]:

@@ -12,7 +12,7 @@ from mocap.filters.models.pose import PoseSettings, recorded_motion, unseen_pote
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.lagrangian import LagrangianMotion
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.motion.shape import Motion, unexplained
+from mocap.filters.motion.shape import RecordedMotion, unexplained
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF, MarkerTrial
 from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov
@@ -89,7 +89,7 @@ def inner_mass(bodies: Bodies, angles: Array) -> Array:
 
 
 def with_lagrangian(
-    model: ArticulatedMotion, motion: Motion, settings: PoseSettings, anatomy: Anatomy, *, trunk: float
+    model: ArticulatedMotion, motion: RecordedMotion, settings: PoseSettings, anatomy: Anatomy, *, trunk: float
 ) -> LagrangianMotion:
     """The articulated model with a Lagrangian of all its joint angles in place of the mechanics of a subspace.
 

@@ -8,13 +8,13 @@ from typing import Any, Literal
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
-from mocap.filters.groups import MOST, groups_of, part_of
+from mocap.filters.groups import MOST_MARKERS, groups_of, part_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
 from mocap.filters.motion.potential import Bones, PosePotential, Pull
-from mocap.filters.motion.shape import LinearShape, Motion, joined, linear_shape
+from mocap.filters.motion.shape import LinearShape, RecordedMotion, joined, linear_shape
 from mocap.filters.observations import Observations, PositionObservations, some_markers
 from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, radian, residual_memory_s, shapes_of
 from mocap.filters.roughness import marker_rates, out_of_sample
@@ -127,7 +127,7 @@ class PoseSettings(TrajectoryModel):
         }
 
 
-def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes) -> Motion:
+def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes) -> RecordedMotion:
     """The motion of the shape where it is well known."""
     parts = []
     for z, rate, acceleration, keep in zip(
@@ -186,7 +186,7 @@ def learn_pose(
     return with_potentials(model, shapes, motion, settings, anatomy)
 
 
-MOST_FRAMES = 100
+JUDGED_FRAMES = 100
 """So many frames judge the process noise: in bats and lizards they tell factors of 4 apart by 20 to 650 in log
 likelihood."""
 
@@ -202,16 +202,16 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
 
     What mechanics leave of smoothed accelerations is too small by what the smoothing took: bats want 4 to 16 times of
     it, lizards what it is. Factors of 4 up or down as long as the likelihood rises, then the vertex of a parabola
-    through the best three; by shape, body and residuals alone, in the ``MOST_FRAMES`` frames that show most.
+    through the best three; by shape, body and residuals alone, in the ``JUDGED_FRAMES`` frames that show most.
     """
     trial = trials.trials[-1]
     plain = replace(model, potentials=(), bones=None, regression=None)
-    length = min(len(trial.t_s), MOST_FRAMES)
+    length = min(len(trial.t_s), JUDGED_FRAMES)
     seen = np.concatenate([[0], np.cumsum(trial.seen.sum(axis=1))])
     start = int(np.argmax(seen[length:] - seen[: len(seen) - length]))
     observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     parts: list[tuple[PoseMotion, Observations]] = [(plain, observations)]
-    if trial.xyz_m.shape[1] > MOST:  # as they are tracked
+    if trial.xyz_m.shape[1] > MOST_MARKERS:  # as they are tracked
         parts = [(part_of(plain, group), some_markers(observations, group)) for group in groups_of(plain)]
 
     def likelihood(power: int) -> float:
@@ -239,7 +239,7 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
 
 
 def with_potentials(
-    model: PoseMotion, shapes: Shapes, motion: Motion, settings: PoseSettings, anatomy: Anatomy | None
+    model: PoseMotion, shapes: Shapes, motion: RecordedMotion, settings: PoseSettings, anatomy: Anatomy | None
 ) -> PoseMotion:
     """The model with its pose held by what the settings name: potentials of limbs, or of the whole pose.
 
@@ -263,7 +263,7 @@ def with_potentials(
     return replace(model, potentials=limbs, name="eal")
 
 
-def usual_motion(motion: Motion) -> Moments:
+def usual_motion(motion: RecordedMotion) -> Moments:
     """Mean and covariance of the recorded [z, zdot]."""
     states = np.column_stack([motion.z, motion.rate])
     cov = np.cov(states.T)
@@ -304,7 +304,7 @@ def _across_markers(sd: Array) -> Array:
     return np.repeat(np.sqrt(np.mean(sd.reshape(-1, 3) ** 2, axis=1)), 3)
 
 
-def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) -> PoseMotion:
+def with_potential(model: PoseMotion, motion: RecordedMotion, settings: PoseSettings) -> PoseMotion:
     """The model with its shape held by a potential.
 
     The stiffness 1/eps^2 of V_z follows from what the potential says of poses that it has not seen: learned without a

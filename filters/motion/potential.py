@@ -168,7 +168,7 @@ def bones_term(bones: Bones, markers: Markers, stiffness: float) -> Term:
     return Term(view.combined(along), along @ markers.gains, (bones.length_m - distance - longer) / sd)
 
 
-class Barrier(Protocol):
+class BarrierPotential(Protocol):
     """V >= 0 that pulls at any distance: an ``eal.EmpiricalPotential``, or whatever answers the same."""
 
     def value(self, q: Array, /) -> Array:
@@ -189,7 +189,7 @@ class Pull:
         stiffness: 1/eps^2 a second.
     """
 
-    potential: Barrier
+    potential: BarrierPotential
     stiffness: float
 
     def __call__(self, x: Array) -> Array:
@@ -217,7 +217,7 @@ class PosePotential:
     on_residual: Array
     samples: Array
     gradient: Callable[[Array], Array]
-    potential: Barrier | None = None
+    potential: BarrierPotential | None = None
     root: int = -1
     children: tuple[int, ...] = ()
 

@@ -87,7 +87,7 @@ def driven(flow: Array, white: Array, dt_s: float, memory_s: float) -> tuple[Arr
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motion:
+class RecordedMotion:
     """Shapes with their derivatives, the frames of all trials on end.
 
     Attributes:
@@ -115,7 +115,7 @@ class Motion:
         return float(np.sqrt(np.sum(self.z.var(axis=0)) / np.sum(self.rate.var(axis=0))))
 
 
-def linear_shape(motion: Motion, *, ridge: float) -> LinearShape:
+def linear_shape(motion: RecordedMotion, *, ridge: float) -> LinearShape:
     """Ridge regression of accelerations on shapes and velocities: stiffness, damping and a constant force.
 
     Args:
@@ -140,21 +140,21 @@ def linear_shape(motion: Motion, *, ridge: float) -> LinearShape:
     )
 
 
-def memory_s(left: Array, motion: Motion) -> float:
+def memory_s(left: Array, motion: RecordedMotion) -> float:
     """Time in seconds that accelerations (N, r) which mechanics leave unexplained last: their size over their rate."""
     change = np.diff(left, axis=0)[np.diff(motion.trial) == 0]
     return motion.dt_s * float(np.sqrt(np.mean(left**2) / max(float(np.mean(change**2)), 1e-30)))
 
 
-def unexplained(left: Array, motion: Motion) -> Array:
+def unexplained(left: Array, motion: RecordedMotion) -> Array:
     """Lower factor of the spectral density of unexplained accelerations: 2 (how long they last) (covariance)."""
     cov = 2 * memory_s(left, motion) * left.T @ left / len(left)
     floor = 1e-6 * np.trace(cov) / len(cov) + 1e-18
     return np.linalg.cholesky(cov + floor * np.eye(len(cov)))
 
 
-def joined(parts: Sequence[tuple[Array, Array, Array]], dt_s: float) -> Motion:
+def joined(parts: Sequence[tuple[Array, Array, Array]], dt_s: float) -> RecordedMotion:
     """Motion of several stretches of (z, rate, acceleration)."""
     z, rate, acceleration = (np.concatenate(column) for column in zip(*parts, strict=True))
     trial = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
-    return Motion(z=z, rate=rate, acceleration=acceleration, trial=trial, dt_s=dt_s)
+    return RecordedMotion(z=z, rate=rate, acceleration=acceleration, trial=trial, dt_s=dt_s)

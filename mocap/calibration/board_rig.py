@@ -10,7 +10,7 @@ from mocap.calibration.boards import Board, BoardViews
 from mocap.calibration.bundle import adjust
 from mocap.calibration.chain import chained, rigid
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, lens_trouble, place, without_ray
-from mocap.calibration.scene import Adjusted, Free, RigCamera, Scene, Sightings, in_world, turned_rad
+from mocap.calibration.scene import Adjusted, Free, RigCamera, RigScene, Sightings, in_world, turned_rad
 from mocap.cameras.lens import Lens
 from mocap.errors import CalibrationError
 
@@ -93,7 +93,7 @@ def calibrate_boards(
     stems = list(boards)
     world_frame = _world(world_frame, stems, seen)
     sightings, pictures = _sightings(views, names, stems, seen, turned, left_out)
-    scene = Scene(
+    scene = RigScene(
         cameras=tuple(
             RigCamera(name=n, lens=i.lens, rotation=T[:3, :3], translation_m=T[:3, 3], size_px=views[n].size_px)
             for n, i, T in zip(names, intrinsics, T_camera, strict=True)

@@ -250,7 +250,7 @@ class BoardViews:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Pictures:
+class CameraImages:
     """Images of one camera, read when they are asked for.
 
     Attributes:
@@ -262,14 +262,14 @@ class Pictures:
     read: Callable[[Sequence[int]], Iterable[NDArray[np.uint8]]]
 
 
-def of_files(files: Mapping[str, Path]) -> Pictures:
+def of_files(files: Mapping[str, Path]) -> CameraImages:
     """Images that are files, by label."""
     paths = list(files.values())
-    return Pictures(labels=tuple(files), read=lambda wanted: (read_grey(paths[i]) for i in wanted))
+    return CameraImages(labels=tuple(files), read=lambda wanted: (read_grey(paths[i]) for i in wanted))
 
 
 def detect(
-    pictures: Mapping[str, Mapping[str, Path] | Pictures],
+    pictures: Mapping[str, Mapping[str, Path] | CameraImages],
     board: Board,
     *,
     progress: Callable[[str], None] = lambda _: None,
@@ -287,7 +287,7 @@ def detect(
     Raises:
         CalibrationError: a camera's images have several sizes, or the board is in none of any camera.
     """
-    sources = {c: p if isinstance(p, Pictures) else of_files(p) for c, p in pictures.items()}
+    sources = {c: p if isinstance(p, CameraImages) else of_files(p) for c, p in pictures.items()}
     if isinstance(board, Charuco):
         board = board.fitted([picture for s in sources.values() for picture in s.read(_some(len(s.labels)))])
     views = {}

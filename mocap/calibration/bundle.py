@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from eal.arrays import Array, skew
-from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, Lengths, RigCamera, Scene, Sightings, turn
+from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, KnownLengths, RigCamera, RigScene, Sightings, turn
 from mocap.cameras.lens import Lens
 
 State = TypeVar("State")
@@ -110,11 +110,11 @@ def _loss(error: Array, groups: NDArray[np.int64], n_groups: int, robust: float 
 
 
 def adjust(
-    scene: Scene,
+    scene: RigScene,
     sightings: Sightings,
     *,
     free: Free,
-    lengths: Lengths = NO_LENGTHS,
+    lengths: KnownLengths = NO_LENGTHS,
     robust: float | None = 3.0,
 ) -> Adjusted:
     """Bundle adjustment with an analytic sparse Jacobian and Cauchy's loss.
@@ -160,7 +160,7 @@ def median_sd(error_px: Array) -> float:
 class _Problem:
     """One adjustment: the layout of its unknowns, its residuals and their derivatives."""
 
-    def __init__(self, scene: Scene, sightings: Sightings, free: Free, lengths: Lengths) -> None:
+    def __init__(self, scene: RigScene, sightings: Sightings, free: Free, lengths: KnownLengths) -> None:
         self.seen, self.free, self.lengths = sightings, free, lengths
         self.n_bodies = len(scene.position_m)
         self.body_size = 6 if free.orientation else 3
@@ -205,7 +205,7 @@ class _Problem:
         self.indices = found % last
         self.indptr = np.searchsorted(found, last * np.arange(last + 1))
 
-    def solve(self, scene: Scene, sd: float, robust: float | None) -> Minimum[Scene]:
+    def solve(self, scene: RigScene, sd: float, robust: float | None) -> Minimum[RigScene]:
         return minimise(
             scene,
             residuals=lambda s: self.residuals(s, sd),
@@ -216,25 +216,25 @@ class _Problem:
             most_steps=60,
         )
 
-    def world(self, scene: Scene, at: NDArray) -> Array:
+    def world(self, scene: RigScene, at: NDArray) -> Array:
         body, local = self.seen.body[at], self.seen.local_m[at]
         return np.einsum("nij,nj->ni", scene.rotation[body], local) + scene.position_m[body]
 
-    def error_px(self, scene: Scene) -> Array:
+    def error_px(self, scene: RigScene) -> Array:
         out = np.empty((len(self.seen.camera), 2))
         for camera, at in zip(scene.cameras, self.mine, strict=True):
             out[at] = self.seen.uv_px[at] - camera.record(self.world(scene, at))
         return out
 
-    def residuals(self, scene: Scene, sd: float) -> Array:
+    def residuals(self, scene: RigScene, sd: float) -> Array:
         with np.errstate(all="ignore"):
             return np.concatenate([self.error_px(scene).ravel() / sd, self._length_error(scene)])
 
-    def _length_error(self, scene: Scene) -> Array:
+    def _length_error(self, scene: RigScene) -> Array:
         apart = np.linalg.norm(scene.position_m[self.lengths.first] - scene.position_m[self.lengths.second], axis=-1)
         return (self.lengths.length_m - apart) / self.lengths.sd_m
 
-    def slopes(self, scene: Scene, sd: float, i: int) -> tuple[Array, Array]:
+    def slopes(self, scene: RigScene, sd: float, i: int) -> tuple[Array, Array]:
         """(n, 2, .) derivatives of the residuals of a camera's sightings by their bodies and by the camera."""
         camera, at = scene.cameras[i], self.mine[i]
         world = self.world(scene, at)
@@ -246,13 +246,13 @@ class _Problem:
         own = [-by_axes @ skew(axes - camera.translation_m), by_axes] if self.pose[i] else []
         return -np.concatenate(body, axis=-1) / sd, -np.concatenate([*own, by_lens], axis=-1) / sd
 
-    def _length_slopes(self, scene: Scene) -> Array:
+    def _length_slopes(self, scene: RigScene) -> Array:
         """(K, 6) derivatives of the errors of known distances by the places of their first and second end."""
         apart = scene.position_m[self.lengths.first] - scene.position_m[self.lengths.second]
         along = apart / (np.linalg.norm(apart, axis=-1) * self.lengths.sd_m)[:, None]
         return np.concatenate([-along, along], axis=-1)
 
-    def normal(self, scene: Scene, sd: float, weight: Array, error: Array) -> tuple[sparse.csc_array, Array]:
+    def normal(self, scene: RigScene, sd: float, weight: Array, error: Array) -> tuple[sparse.csc_array, Array]:
         """J^T W J, and J^T W r, added up over each body's sightings by each camera."""
         gradient, blocks, pixels = np.zeros(int(self.start[-1])), [], 2 * len(self.seen.camera)
         for i, (at, first) in enumerate(zip(self.mine, self.first, strict=True)):
@@ -301,7 +301,7 @@ class _Problem:
             parts.append(f[:, None] * camera.lens.by_coefficients(xy)[..., self.coefficients[i]])
         return by_axes, np.concatenate(parts, axis=-1) if parts else np.zeros((len(axes), 2, 0)), axes
 
-    def retract(self, scene: Scene, step: Array) -> Scene:
+    def retract(self, scene: RigScene, step: Array) -> RigScene:
         bodies = step[: self.n_bodies * self.body_size].reshape(self.n_bodies, self.body_size)
         cameras = []
         for i, camera in enumerate(scene.cameras):
@@ -315,7 +315,7 @@ class _Problem:
                 )
             cameras.append(replace(camera, lens=self._lens(i, camera.lens, lens)) if len(lens) else camera)
         rotation = turn(bodies[:, :3]) @ scene.rotation if self.free.orientation else scene.rotation
-        return Scene(cameras=tuple(cameras), rotation=rotation, position_m=scene.position_m + bodies[:, -3:])
+        return RigScene(cameras=tuple(cameras), rotation=rotation, position_m=scene.position_m + bodies[:, -3:])
 
     def _lens(self, i: int, lens: Lens, step: Array) -> Lens:
         f, centre, coefficients = np.array(lens.f_px), np.array(lens.centre_px), lens.coefficients.copy()
@@ -326,7 +326,7 @@ class _Problem:
         coefficients[self.coefficients[i]] += rest
         return type(lens).of(tuple(f), tuple(centre), coefficients)
 
-    def lens_covariance(self, scene: Scene, sd: float, minimum: Minimum[Scene]) -> tuple[Array, ...]:
+    def lens_covariance(self, scene: RigScene, sd: float, minimum: Minimum[RigScene]) -> tuple[Array, ...]:
         """Covariance of the free numbers of each lens, from the inverse normal matrix.
 
         Errors of one image of a board are not independent (a board bends, its corners are blurred alike). With one
@@ -353,7 +353,7 @@ class _Problem:
             found[0] *= max(1.0, self._dispersion(scene, sd, minimum, found[0]))
         return tuple(found)
 
-    def _dispersion(self, scene: Scene, sd: float, minimum: Minimum[Scene], covariance: Array) -> float:
+    def _dispersion(self, scene: RigScene, sd: float, minimum: Minimum[RigScene], covariance: Array) -> float:
         (by_body, by_own), at_body = self.slopes(scene, sd, 0), self.seen.body[self.mine[0]]
         residual = self.residuals(scene, sd).reshape(-1, 2)[self.mine[0]]
         root = np.sqrt(minimum.weight[self.mine[0]])

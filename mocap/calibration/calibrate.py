@@ -13,7 +13,7 @@ from mocap.calibration.boards import Board, detect, pictures_of
 from mocap.calibration.calibration_files import CalibrationReport, number, of_pictures, table
 from mocap.calibration.dlt import CHECKED_FROM, fit_dlt
 from mocap.calibration.intrinsics import CHOICES
-from mocap.calibration.refine import Bone, refine_cameras
+from mocap.calibration.refine import KnownDistance, refine_cameras
 from mocap.calibration.scene import RigCamera, in_world, rig_lens, upside_down
 from mocap.calibration.wand import MOVES, WandCalibration, calibrate_wand
 from mocap.cameras.camera import Camera
@@ -336,7 +336,7 @@ def from_tracks(
     return bare, CalibrationReport(numbers=numbers, lines=lines)
 
 
-def _bone(text: str, names: Sequence[str]) -> Bone:
+def _bone(text: str, names: Sequence[str]) -> KnownDistance:
     """From ``first,second`` or ``first,second,length in metres``."""
     parts = [p.strip() for p in text.split(",")]
     if len(parts) not in (2, 3) or any(p not in names for p in parts[:2]):
@@ -349,7 +349,7 @@ def _bone(text: str, names: Sequence[str]) -> Bone:
         raise CalibrationError(f"`bone` {text!r}: {parts[2]!r} is not a length in metres") from None
     if length is not None and not length > 0:
         raise CalibrationError(f"`bone` {text!r}: the length must be above 0")
-    return Bone(first=names.index(parts[0]), second=names.index(parts[1]), length_m=length)
+    return KnownDistance(first=names.index(parts[0]), second=names.index(parts[1]), length_m=length)
 
 
 def _focal(f_px: float, sd_px: float) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.calibration.boards import KINDS, Board, BoardViews, Corners, Pictures, detect, of_files, pictures_of
+from mocap.calibration.boards import KINDS, Board, BoardViews, CameraImages, Corners, detect, of_files, pictures_of
 from mocap.calibration.calibration_files import CalibrationReport, number, of_pictures, table
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, without_ray
 from mocap.cameras.camera import KnownLens
@@ -63,7 +63,7 @@ def _moved_px(one: Corners, other: Corners) -> float:
     return float(np.median(np.hypot(*(one.uv_px[i] - other.uv_px[j]).T))) if len(i) else np.inf
 
 
-def board_pictures(folder: Path) -> dict[str, Pictures]:
+def board_pictures(folder: Path) -> dict[str, CameraImages]:
     """Images by camera; of a video some frames, evenly spaced.
 
     A camera is a folder (of images and videos, however deep), a video in ``folder``, or the name in front of the number
@@ -91,11 +91,11 @@ def board_pictures(folder: Path) -> dict[str, Pictures]:
     }
 
 
-def _of_film(path: Path) -> Pictures:
+def _of_film(path: Path) -> CameraImages:
     movie = open_movie(path)
     count = min(movie.n_frames, 80)  # evenly spaced
     frames = np.unique(np.linspace(0, movie.n_frames - 1, count).round().astype(np.int64))
-    return Pictures(
+    return CameraImages(
         labels=tuple(f"{path.name} frame {f + 1}" for f in frames), read=lambda wanted: _grey(movie, frames[wanted])
     )
 
@@ -106,7 +106,7 @@ def _grey(movie: Movie, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]
             yield np.asarray(frame.to_ndarray(format="gray"), dtype=np.uint8)
 
 
-def _joined(parts: Sequence[Pictures]) -> Pictures:
+def _joined(parts: Sequence[CameraImages]) -> CameraImages:
     if len(parts) == 1:
         return parts[0]
     ends = np.cumsum([len(p.labels) for p in parts])
@@ -117,7 +117,7 @@ def _joined(parts: Sequence[Pictures]) -> Pictures:
             own = at[(at >= end - len(part.labels)) & (at < end)] - (end - len(part.labels))
             yield from part.read(own.tolist())
 
-    return Pictures(labels=tuple(label for p in parts for label in p.labels), read=read)
+    return CameraImages(labels=tuple(label for p in parts for label in p.labels), read=read)
 
 
 def _refuse(name: str, found: Intrinsics, seen: BoardViews) -> None:

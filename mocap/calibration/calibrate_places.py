@@ -10,7 +10,7 @@ from mocap.calibration.board_rig import UP
 from mocap.calibration.boards import KINDS, Board, detect, of_files
 from mocap.calibration.calibrate_lenses import board_pictures
 from mocap.calibration.calibration_files import CalibrationReport, table
-from mocap.calibration.places import Place, place_cameras
+from mocap.calibration.places import PlacedCamera, place_cameras
 from mocap.cameras.camera import Camera, KnownLens, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError, FormatError
@@ -144,7 +144,7 @@ def _clicks(path: Path, lenses: Sequence[KnownLens], labels: Sequence[str]) -> t
 
 
 def _reported(
-    places: Sequence[Place],
+    places: Sequence[PlacedCamera],
     lenses: Sequence[KnownLens],
     labels: Sequence[str],
     xyz_m: Array,

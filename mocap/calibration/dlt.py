@@ -11,8 +11,8 @@ from mocap.cameras.camera import FLATTEST, PARALLEL, Camera
 from mocap.cameras.triangulate import project
 from mocap.errors import CalibrationError
 
-FEWEST_POINTS = 6  # two equations each for eleven coefficients
-CHECKED_FROM = FEWEST_POINTS + 2
+FEWEST_DLT_POINTS = 6  # two equations each for eleven coefficients
+CHECKED_FROM = FEWEST_DLT_POINTS + 2
 """Places from which on each is left out of the fit in turn: the others then still have some to spare."""
 OPEN = float(np.sqrt(np.finfo(np.float64).eps))
 """Least over greatest singular value of equations that leave something open: half of the digits are lost."""
@@ -59,11 +59,11 @@ def fit_dlt(name: str, xyz_m: Array, uv_px: Array) -> DltFit:
     x, u = np.split(np.unique(np.concatenate([xyz_m[seen], uv_px[seen]], axis=1), axis=0), [3], axis=1)
     place = distinct(x)
     places = int(place.max(initial=-1)) + 1
-    if places < FEWEST_POINTS:
+    if places < FEWEST_DLT_POINTS:
         listed = f" (listed in {seen.sum()} rows)" if seen.sum() > places else ""
         raise CalibrationError(
-            f"camera {name!r} sees {places} different known points{listed}, and {FEWEST_POINTS} are needed: digitise "
-            "more"
+            f"camera {name!r} sees {places} different known points{listed}, and {FEWEST_DLT_POINTS} are needed: "
+            "digitise more"
         )
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     if spread[2] < SAME * spread[0]:

@@ -9,7 +9,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
-from mocap.calibration.scene import CLICK_PX, Adjusted, Free, RigCamera, Scene, Sightings, distinct
+from mocap.calibration.scene import CLICK_PX, Adjusted, Free, RigCamera, RigScene, Sightings, distinct
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
 
@@ -255,7 +255,7 @@ def _moved(views: Sequence[Corners], lens: Lens, free: Free, choice: str, name: 
         local_m=np.concatenate([v.local_m for v, _ in placed]),
         uv_px=np.concatenate([v.uv_px for v, _ in placed]),
     )
-    scene = Scene(
+    scene = RigScene(
         cameras=(RigCamera(name=name, lens=lens, rotation=np.eye(3), translation_m=np.zeros(3)),),
         rotation=np.stack([p[0] for _, p in placed]),
         position_m=np.stack([p[1] for _, p in placed]),

@@ -18,7 +18,7 @@ FEWEST_POINTS = 4  # three leave up to four poses (Grunert 1841), a fourth says 
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Place:
+class PlacedCamera:
     """A camera's position and orientation, and how well they are known.
 
     Attributes:
@@ -68,7 +68,7 @@ class Place:
 
 def place_cameras(
     lenses: Sequence[KnownLens], xyz_m: Array, uv_px: Array, *, labels: Sequence[str] = ()
-) -> tuple[Place, ...]:
+) -> tuple[PlacedCamera, ...]:
     """Place cameras one by one; the noise of clicking is pooled over cameras whose noises are alike (F test at 1 %).
 
     Args:
@@ -95,13 +95,13 @@ def place_cameras(
     return tuple(out)
 
 
-def _alike(a: Place, b: Place) -> bool:
+def _alike(a: PlacedCamera, b: PlacedCamera) -> bool:
     if a is b or a.sd_px == b.sd_px:
         return True
     return 0.005 < float(stats.f.cdf((a.sd_px / max(b.sd_px, 1e-12)) ** 2, a.freedom, b.freedom)) < 0.995
 
 
-def place_camera(known_lens: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequence[str] = ()) -> Place:
+def place_camera(known_lens: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequence[str] = ()) -> PlacedCamera:
     """The position and orientation whose predicted pixels are nearest to the recorded ones (least squares).
 
     Starts are those of OpenCV's ``solvePnP`` (SQPnP, of Terzakis & Lourakis 2020; IPPE, of Collins & Bartoli 2014, for
@@ -267,7 +267,7 @@ def _wrong(fit: _Fit) -> int | None:
 
 def _place(
     lens: KnownLens, xyz: Array, uv: Array, fit: _Fit, used: NDArray[np.intp], left_out: tuple[int, ...]
-) -> Place:
+) -> PlacedCamera:
     camera = fit.camera
     freedom = 2 * len(used) - 6
     unit = np.linalg.inv(fit.slopes.T @ fit.slopes)
@@ -278,7 +278,7 @@ def _place(
         ahead, behind = (replace(camera, lens=lens.moved(s * h)).record(xyz[used]).ravel() for s in (1, -1))
         by_lens.append((ahead - behind) / (2 * h[i]))
     gain = -unit @ fit.slopes.T @ np.stack(by_lens, axis=-1) if by_lens else np.zeros((6, 0))
-    return Place(
+    return PlacedCamera(
         camera=camera,
         error_px=uv - camera.record(xyz),
         left_out=left_out,

@@ -11,7 +11,7 @@ from mocap.calibration.bundle import adjust
 from mocap.calibration.scene import (
     CLICK_PX,
     Free,
-    Lengths,
+    KnownLengths,
     distinct,
     in_world,
     point_scene,
@@ -23,11 +23,11 @@ from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.triangulate import linear, misses, robust
 from mocap.errors import CalibrationError
 
-FEWEST_POINTS = 30  # of two cameras one equation a point is left; chosen
+FEWEST_REFINED = 30  # of two cameras one equation a point is left; chosen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Bone:
+class KnownDistance:
     """Two markers at a known distance: the ends of a wand, or of a bone.
 
     Attributes:
@@ -70,7 +70,7 @@ def refine_cameras(
     cameras: Sequence[Camera],
     ideal_px: Array,
     *,
-    bones: Sequence[Bone] = (),
+    bones: Sequence[KnownDistance] = (),
     focal: bool = False,
     most_points: int = 2000,
 ) -> Refined:
@@ -93,9 +93,9 @@ def refine_cameras(
     ideal = np.where(found.rejected[..., None], np.nan, ideal_px)
     frames = np.flatnonzero(np.isfinite(found.xyz_m[..., 0]).any(axis=1))
     points = int(np.isfinite(found.xyz_m[..., 0]).sum())
-    if points < FEWEST_POINTS:
+    if points < FEWEST_REFINED:
         raise CalibrationError(
-            f"{points} points are seen by two cameras, and {FEWEST_POINTS} are needed: give more frames"
+            f"{points} points are seen by two cameras, and {FEWEST_REFINED} are needed: give more frames"
         )
     count = min(len(frames), max(2, most_points * len(frames) // points))
     keep = frames[np.linspace(0, len(frames) - 1, count).astype(int)]
@@ -106,9 +106,9 @@ def refine_cameras(
 
     pose = distinct(np.moveaxis(ideal[:, keep], 1, 0).reshape(len(keep), -1), within=CLICK_PX)
     apart = int(np.isfinite(found.xyz_m[keep[np.unique(pose, return_index=True)[1]], :, 0]).sum())
-    if apart < FEWEST_POINTS or not pose.any():
+    if apart < FEWEST_REFINED or not pose.any():
         raise CalibrationError(
-            f"the markers hardly move: {apart} of {points} points are in different places, and {FEWEST_POINTS} are "
+            f"the markers hardly move: {apart} of {points} points are in different places, and {FEWEST_REFINED} are "
             "needed: give frames in which they move"
         )
     halves = [keep[pose % 2 == i] for i in (0, 1)]  # frames of one pose in one half
@@ -134,7 +134,7 @@ def refine_cameras(
     )
 
 
-def _length(xyz_m: Array, bone: Bone) -> tuple[float, float]:
+def _length(xyz_m: Array, bone: KnownDistance) -> tuple[float, float]:
     length = np.linalg.norm(xyz_m[:, bone.first] - xyz_m[:, bone.second], axis=-1)
     length = length[np.isfinite(length)]
     if not len(length):
@@ -153,7 +153,7 @@ def _solve(
     cameras: Sequence[Camera],
     ideal: Array,
     xyz_m: Array,
-    bones: Sequence[Bone],
+    bones: Sequence[KnownDistance],
     lengths: Sequence[tuple[float, float]],
     focal: bool,
 ) -> tuple[Camera, ...]:
@@ -163,7 +163,7 @@ def _solve(
     number = number.reshape(finite.shape)
     both = [np.flatnonzero(finite[:, b.first] & finite[:, b.second]) for b in bones]
     empty = [np.zeros(0, int)]
-    fixed = Lengths(
+    fixed = KnownLengths(
         first=np.concatenate([number[t, b.first] for b, t in zip(bones, both, strict=True)] or empty),
         second=np.concatenate([number[t, b.second] for b, t in zip(bones, both, strict=True)] or empty),
         length_m=np.concatenate([np.full(len(t), w) for t, (w, _) in zip(both, lengths, strict=True)] or [np.zeros(0)]),

@@ -179,7 +179,7 @@ class Sightings:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Lengths:
+class KnownLengths:
     """Known distances between bodies; K of them.
 
     Attributes:
@@ -195,11 +195,11 @@ class Lengths:
     sd_m: Array
 
 
-NO_LENGTHS = Lengths(first=np.zeros(0, int), second=np.zeros(0, int), length_m=np.zeros(0), sd_m=np.ones(0))
+NO_LENGTHS = KnownLengths(first=np.zeros(0, int), second=np.zeros(0, int), length_m=np.zeros(0), sd_m=np.ones(0))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Scene:
+class RigScene:
     """The unknowns.
 
     Attributes:
@@ -215,7 +215,7 @@ class Scene:
 
 def point_scene(
     cameras: Sequence[RigCamera], points_m: Array, uv_px: Array, keep: NDArray[np.bool_]
-) -> tuple[Scene, Sightings, NDArray[np.int64]]:
+) -> tuple[RigScene, Sightings, NDArray[np.int64]]:
     """Points that are bodies without orientation, where cameras saw them, and (P,) the number of each body.
 
     Args:
@@ -230,7 +230,7 @@ def point_scene(
         camera=camera, body=number[point], local_m=np.zeros((len(camera), 3)), uv_px=uv_px[camera, point]
     )
     turns = np.broadcast_to(np.eye(3), (int(keep.sum()), 3, 3))
-    return Scene(cameras=tuple(cameras), rotation=turns, position_m=points_m[keep]), sightings, number
+    return RigScene(cameras=tuple(cameras), rotation=turns, position_m=points_m[keep]), sightings, number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,7 +267,7 @@ class Adjusted:
         f_sd_px: (C,) standard deviation of each focal length; 0 where it was not free.
     """
 
-    scene: Scene
+    scene: RigScene
     error_px: Array
     weight: Array
     length_weight: Array

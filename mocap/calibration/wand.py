@@ -13,9 +13,9 @@ from mocap.calibration.scene import (
     CLICK_PX,
     Adjusted,
     Free,
-    Lengths,
+    KnownLengths,
     RigCamera,
-    Scene,
+    RigScene,
     Sightings,
     distinct,
     in_world,
@@ -188,7 +188,7 @@ def _solve(
     """Bundle adjustment of the points kept, in the frame that ``WandCalibration`` states."""
     scene, sightings, number = point_scene(start, points_m, points_px, keep)
     both = np.flatnonzero(keep[:wands] & keep[wands : 2 * wands])
-    wand_lengths = Lengths(
+    wand_lengths = KnownLengths(
         first=number[both],
         second=number[both + wands],
         length_m=np.full(len(both), length_m),
@@ -198,7 +198,7 @@ def _solve(
     first = adjusted.scene.cameras[0]
     middle = np.median(adjusted.scene.position_m[: 2 * len(both)], axis=0)
     T_world = rigid(first.rotation, -first.rotation @ middle)
-    moved = Scene(
+    moved = RigScene(
         cameras=in_world(adjusted.scene.cameras, T_world),
         rotation=adjusted.scene.rotation,
         position_m=(adjusted.scene.position_m - middle) @ first.rotation.T,

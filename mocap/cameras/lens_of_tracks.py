@@ -12,7 +12,7 @@ from mocap.cameras.lens import BrownLens
 from mocap.cameras.triangulate import linear, misses, project
 from mocap.errors import CalibrationError
 
-BLOCKS = 8
+STRETCHES = 8
 """Stretches of frames that are left out in turn: what an animal does in one says little of the others."""
 _LEAST = 60  # points: chosen, not measured
 _OWN = 0.9
@@ -82,7 +82,7 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     """Fit k1 so that rays meet, the cameras' coefficients held; one number, or one each where that predicts better.
 
     Least squares with Cauchy's loss on the residuals of triangulation (points are eliminated: each is triangulated anew
-    for every k1). The recording's points are split into ``BLOCKS`` stretches of frames; leaving out each in turn gives
+    for every k1). The recording's points are split into ``STRETCHES`` of frames; leaving out each in turn gives
     residuals that the fit has not seen, by which the model is chosen, and the covariance (jackknife, Efron & Stein
     1981), which contains errors that go together within a stretch. Errors of the coefficients are in none of the
     stretches alone: where one number is fitted, the spread of numbers that are fitted to each camera by itself (median
@@ -105,9 +105,9 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
         )
     uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 1200)).astype(int)]
     matrices, n = stacked([Camera(name=c.name, matrix=c.matrix) for c in cameras]), len(cameras)
-    block = np.arange(uv.shape[1]) * BLOCKS // uv.shape[1]
-    kept = [uv[:, block != b] for b in range(BLOCKS)]
-    left = [uv[:, block == b] for b in range(BLOCKS)]
+    block = np.arange(uv.shape[1]) * STRETCHES // uv.shape[1]
+    kept = [uv[:, block != b] for b in range(STRETCHES)]
+    left = [uv[:, block == b] for b in range(STRETCHES)]
     before = _median([misses(matrices, u) for u in left])
 
     def by_stretches(whole: Array) -> tuple[float, Array]:
@@ -124,7 +124,7 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
         if after_own < _OWN * after:
             after, best, parts = after_own, own, parts_own
     off = parts - parts.mean(axis=0)
-    cov = (BLOCKS - 1) / BLOCKS * off.T @ off
+    cov = (STRETCHES - 1) / STRETCHES * off.T @ off
     if own is not None and len(best) == 1:
         cov = cov + (1.4826 * np.median(np.abs(own - np.median(own)))) ** 2 / n
     k1, sd = _each(best, n), np.sqrt(np.diag(cov))

@@ -38,7 +38,7 @@ def project(matrices: Array, xyz_m: Array) -> Array:
     return np.moveaxis(uv, 1, -1).reshape(len(matrices), *xyz_m.shape[:-1], 2)
 
 
-class Factor(NamedTuple):
+class MatrixFactor(NamedTuple):
     """L D L^T of K symmetric 3 x 3 matrices: (K,) each; NaN where singular to rounding (two cameras on one ray)."""
 
     d0: Array
@@ -90,7 +90,7 @@ def towards(slope: Array, weight: Array, error: Array) -> Array:
     return np.stack([np.einsum("crk,crk->k", slope[:, :, i], heavy) for i in range(3)])
 
 
-def factor(normal: Array) -> Factor:
+def factor(normal: Array) -> MatrixFactor:
     """Of (6, K) symmetric matrices that are not indefinite."""
     a, b, c, d, e, f = normal
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -99,10 +99,10 @@ def factor(normal: Array) -> Factor:
         l21 = left / d1
         d2 = f - l20 * c - l21 * left
         regular = a * d1 * d2 > 1e-13 * (a + d + f) ** 3  # of the cube of the trace: 0 to rounding
-    return Factor(np.where(regular, a, np.nan), d1, np.where(regular, d2, np.nan), l10, l20, l21)
+    return MatrixFactor(np.where(regular, a, np.nan), d1, np.where(regular, d2, np.nan), l10, l20, l21)
 
 
-def solve(by: Factor, right: Array) -> Array:
+def solve(by: MatrixFactor, right: Array) -> Array:
     """(3, K) solutions of (3, K) right sides."""
     with np.errstate(divide="ignore", invalid="ignore"):
         y1 = right[1] - by.l10 * right[0]
@@ -111,7 +111,7 @@ def solve(by: Factor, right: Array) -> Array:
         return np.stack([right[0] / by.d0 - by.l10 * x1 - by.l20 * x2, x1, x2])
 
 
-def inverse(by: Factor) -> Array:
+def inverse(by: MatrixFactor) -> Array:
     """(K, 3, 3) inverses."""
     with np.errstate(divide="ignore", invalid="ignore"):
         f = 1 / by.d2
@@ -123,7 +123,7 @@ def inverse(by: Factor) -> Array:
     return np.stack([a, b, c, b, d, e, c, e, f], axis=-1).reshape(-1, 3, 3)
 
 
-def squared_length(by: Factor, rows: Array) -> Array:
+def squared_length(by: MatrixFactor, rows: Array) -> Array:
     """(..., K) r^T A^-1 r of rows (..., 3, K)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         y0 = rows[..., 0, :]
@@ -158,7 +158,7 @@ class Linearised:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class PointFit:
     """The weighted least squares of K points.
 
     Attributes:
@@ -184,7 +184,7 @@ def linearise(matrices: Array, uv_px: Array, xyz_m: Array) -> Linearised:
     )
 
 
-def fit(problem: Linearised, weight: Array) -> Fit:
+def fit(problem: Linearised, weight: Array) -> PointFit:
     """Least squares with (C, K) weights; a point with one ray lies on it, and one with none stays."""
     weight = weight * problem.seen
     slope, error = problem.slope, problem.error
@@ -201,7 +201,7 @@ def fit(problem: Linearised, weight: Array) -> Fit:
         taken = squared_length(factored, rows).sum(axis=1) * heavy
         step[block], residual[:, block] = moved.T, np.moveaxis(left, 1, 2)
         redundancy[:, block] = np.maximum(2.0 - taken, 0.0) * problem.seen[:, block]
-    return Fit(step, residual, redundancy)
+    return PointFit(step, residual, redundancy)
 
 
 def linear(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> Array:

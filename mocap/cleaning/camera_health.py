@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from eal.arrays import Array, true_runs
-from mocap.cameras.triangulate import Fit, Linearised, fit, linear, linearise
+from mocap.cameras.triangulate import Linearised, PointFit, fit, linear, linearise
 from mocap.cleaning.click_noise import USUAL_DOF
 
 BAD, WORSE = 3.0, 2.0
@@ -101,7 +101,7 @@ def camera_health(matrices: Array, uv_px: Array) -> CameraHealth:
     return CameraHealth(factor=factor, level_px=level, bad=tuple(bad), known=True)
 
 
-def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int) -> tuple[Array, Fit]:
+def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int) -> tuple[Array, PointFit]:
     """Noise level of every camera in every frame, errors being of Student's t.
 
     Alternates between points and levels: s^2 = sum w r^2 / sum of redundancies over a window of five frames, with
@@ -222,7 +222,7 @@ def _bad_time(
     run: tuple[int, int],
     level: Array,
     good: float,
-    found: Fit,
+    found: PointFit,
     frame: NDArray[np.int64],
 ) -> BadTime:
     start, stop = run

@@ -16,14 +16,22 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.triangulate import Triangulation, robust
 from mocap.cleaning.swapped_rays import agreement, exchange_rays, exchanged_rays, extent_px
-from mocap.cleaning.swaps import STEP, Swap, exchange, exchanged_markers, student_log, usual_length, without_edited
+from mocap.cleaning.swaps import (
+    WAY_FRAMES,
+    Swap,
+    exchange,
+    exchanged_markers,
+    student_log,
+    usual_length,
+    without_edited,
+)
 
 Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
 
 CAMERAS = 4
 """Sets of exchanged cameras are gone through for so many cameras at most: 16 sets. Chosen, not measured."""
-CHANGE = 7.0
+STATE_CHANGE = 7.0
 """Negative log probability that two names change in one camera between two frames: one in 1100.
 Chosen; with it 2 of 179 repairs were wrong (docs/experiments/arena.md)."""
 SAME_ERROR_FRAMES = 4.0
@@ -52,7 +60,7 @@ def settle(
 
     The state of a frame is the set of cameras in which they are. Its log density: how the rays of both markers meet
     (``_fits``) and how far the markers are from the others (``_distances``), over ``SAME_ERROR_FRAMES``; from frame to
-    frame how the clicks of each move in each image (``_moves``), less ``CHANGE`` for each camera that changes.
+    frame how the clicks of each move in each image (``_moves``), less ``STATE_CHANGE`` for each camera that changes.
     Probabilities of states follow from all frames by the forward-backward recursions (Rabiner 1989).
 
     Undone are only exchanges in half of the cameras or fewer, in runs that begin and end with all names right and in
@@ -73,7 +81,7 @@ def settle(
     fits, points = _fits(matrices, uv, spread, states, sd_px, extent_px)
     # of two equal explanations the shorter is right
     own = (fits + _distances(xyz_m, points, pair)) / SAME_ERROR_FRAMES - 0.03 * states.sum(axis=1)
-    between = _moves(uv, _drift(uv_px), states) - CHANGE * np.abs(states[:, None] - states[None]).sum(axis=-1)
+    between = _moves(uv, _drift(uv_px), states) - STATE_CHANGE * np.abs(states[:, None] - states[None]).sum(axis=-1)
     sure = _posterior(own, between)  # (T, S)
     count = states.sum(axis=1)
     some = (count > 0) & (count < len(matrices))  # in all cameras: rays say nothing of it
@@ -160,7 +168,7 @@ def _moves(uv: Array, drift: Array, states: NDArray[np.int64]) -> Array:
 
     Steps of each marker, less the drift of all, are of Student's t with the deviation that steps of these names usually
     have in that camera. A name that was not clicked in the frame before is compared with its last click up to
-    ``STEP`` frames ago.
+    ``WAY_FRAMES`` frames ago.
     """
     n_cameras, n_frames = uv.shape[:2]
     total = np.zeros((n_frames, len(states), len(states)))
@@ -189,10 +197,10 @@ def _moves(uv: Array, drift: Array, states: NDArray[np.int64]) -> Array:
 
 
 def _carried(still: Array) -> tuple[Array, Array]:
-    """(T, 2, 2) the last click of each name up to ``STEP`` frames ago, and (T, 2) how many."""
+    """(T, 2, 2) the last click of each name up to ``WAY_FRAMES`` frames ago, and (T, 2) how many."""
     last, age = still.copy(), np.zeros(still.shape[:2])
     for frame in range(1, len(still)):
-        lost = ~np.isfinite(last[frame, :, 0]) & (age[frame - 1] < STEP)
+        lost = ~np.isfinite(last[frame, :, 0]) & (age[frame - 1] < WAY_FRAMES)
         last[frame, lost], age[frame, lost] = last[frame - 1, lost], age[frame - 1, lost] + 1
     return last, age
 

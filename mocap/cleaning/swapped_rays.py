@@ -22,7 +22,7 @@ Key = tuple[int, int, int]
 
 OUTLIERS = 0.01
 """Share of clicks that land anywhere. Of 0.01 and 0.05 chosen on three flights (docs/experiments/arena.md)."""
-FAR = 4.0
+SUSPECTED = 4.0
 """A ray that misses its point by so many deviations is suspected: of normal errors one in 3000 (exp(-8))."""
 
 
@@ -107,7 +107,7 @@ class _Rays:
         self.at = project(matrices, found.xyz_m)
         self.miss = np.linalg.norm(uv_px - self.at, axis=-1) / relative
         few = found.rejected.any(axis=0) & (self.seen.sum(axis=0) <= 3)
-        far = np.nan_to_num(self.miss) > FAR * self.sd
+        far = np.nan_to_num(self.miss) > SUSPECTED * self.sd
         self.suspect: Mask = self.seen & (found.rejected | far | few)
         self.detail = max(float(np.log(extent_px(uv_px) / (np.sqrt(2 * np.pi) * self.sd))), 0.0)
 
@@ -129,7 +129,7 @@ class _Rays:
                 for i, marker in enumerate(who):
                     both = [int(m) for k, m in enumerate(who) if m > marker and fits[i, m] and fits[k, marker]]
                     alone = np.flatnonzero(
-                        ~self.seen[camera, frame] & finite & (to_other[i] < 2 * FAR * self.sd) & fits[i]
+                        ~self.seen[camera, frame] & finite & (to_other[i] < 2 * SUSPECTED * self.sd) & fits[i]
                     )
                     for other in [*both, *alone.tolist()]:
                         out.append((camera, frame, min(marker, other), max(marker, other)))

@@ -28,7 +28,7 @@ REPAIRS = {
 """How a sample was repaired, by the key that reports use."""
 DOUBTFUL = {"doubtful_name": "next to an identity switch, or isolated on another marker's path: identity ambiguous"}
 """Why a sample was rejected here, by the key that reports use."""
-STEP = 3
+WAY_FRAMES = 3
 """Frames over which a marker that was not seen in between may be recognised by its path. Chosen, not measured."""
 CHANGE = 12.0
 """Negative log probability that two given markers change names between two given frames (one in 160 000).
@@ -171,14 +171,14 @@ def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> tup
     for j in np.flatnonzero(seen.any(axis=0) & np.isfinite(bend_m)):
         frames = np.flatnonzero(seen[:, j])
         off = np.linalg.norm(xyz_m[frames, j] - ways[0][0][frames, j], axis=-1) > ways[0][1][frames, j]
-        for part in np.split(frames, np.flatnonzero((np.diff(frames) > STEP) | off[1:]) + 1):
+        for part in np.split(frames, np.flatnonzero((np.diff(frames) > WAY_FRAMES) | off[1:]) + 1):
             ends = (part[0], part[-1])
             hidden = ~seen[ends[0] : ends[1] + 1].any(axis=0) & np.isfinite(bend_m)
             at_ends = list(zip(ways, ends, strict=True))
             off_way = np.stack([np.linalg.norm(xyz_m[end, j] - ahead[end], axis=-1) for (ahead, _), end in at_ends])
             near = off_way <= np.stack([limit[end] for (_, limit), end in at_ends])
             beside = np.stack(
-                [seen[max(0, ends[0] - STEP) : ends[0]].any(axis=0), seen[ends[1] + 1 :][:STEP].any(axis=0)]
+                [seen[max(0, ends[0] - WAY_FRAMES) : ends[0]].any(axis=0), seen[ends[1] + 1 :][:WAY_FRAMES].any(axis=0)]
             )
             fills = np.all(near & beside, axis=0) if not beside[:, j].any() else np.zeros_like(hidden)
             for i in np.flatnonzero(hidden & near.any(axis=0)):
@@ -409,7 +409,7 @@ def unbroken(xyz_m: Array, frames: NDArray[np.int64], bend_m: Array) -> Mask:
         x, (g, h) = xyz_m[seen, j], (np.diff(seen)[:-1], np.diff(seen)[1:])
         off = np.linalg.norm(x[2:] - x[1:-1] - (x[1:-1] - x[:-2]) * (h / g)[:, None], axis=-1)
         limit = BENDS * bend_m[j] * h * (g + h) / 2
-        goes_on = np.concatenate([[False, False], (off <= limit) & (h <= STEP)])
+        goes_on = np.concatenate([[False, False], (off <= limit) & (h <= WAY_FRAMES)])
         breaks = np.concatenate([[0], np.cumsum(~goes_on)])
         at = np.searchsorted(seen, frames)
         near = np.concatenate([[np.inf, np.inf], limit])[at] < 0.5 * apart
@@ -421,7 +421,7 @@ def belonging(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], b
     """Samples between two frames of different states, where one of two markers is seen at a time.
 
     From both ends each way is continued straight, sample by sample, as long as these lie where its bend may bring it
-    within ``STEP`` frames, and nearer than half of the distance that the two usually have.
+    within ``WAY_FRAMES`` frames, and nearer than half of the distance that the two usually have.
 
     Args:
         xyz_m: (T, 2, 3) positions, right outside and at both ends.
@@ -448,7 +448,7 @@ def belonging(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], b
                 g, h = abs(frames[-1] - frames[-2]), abs(int(t) - frames[-1])
                 off = xyz_m[t, name] - at[-1] - (at[-1] - at[-2]) * h / g
                 limit = min(BENDS * bend_m[way] * h * (g + h) / 2, half)
-                if h > STEP or np.linalg.norm(off) > limit:
+                if h > WAY_FRAMES or np.linalg.norm(off) > limit:
                     break
                 reached[end, name, t] = True
                 frames, at = [frames[-1], int(t)], [at[-1], xyz_m[t, name]]

@@ -10,7 +10,7 @@ from mocap.cli.console import progress, say
 from mocap.cli.options import AsJson, Force, Jobs, Out, Verbose
 
 
-class Animal(StrEnum):
+class DemoAnimal(StrEnum):
     """Built-in recordings."""
 
     bat = "bat"
@@ -18,7 +18,7 @@ class Animal(StrEnum):
 
 
 def demo(
-    animal: Annotated[Animal, typer.Argument(help="Built-in recording.")] = Animal.bat,
+    animal: Annotated[DemoAnimal, typer.Argument(help="Built-in recording.")] = DemoAnimal.bat,
     out: Out = Path("out/demo"),
     seed: Annotated[int, typer.Option(min=0, help="Which flight or walk.")] = 0,
     jobs: Jobs = None,

@@ -55,7 +55,7 @@ SATELLITES = {
 
 
 @dataclass(frozen=True)
-class Entry:
+class CommandFile:
     """A command.
 
     Attributes:
@@ -72,26 +72,26 @@ class Entry:
 
 
 ENTRIES = {
-    "info": Entry("info", "your_files"),
-    "convert": Entry("convert", "your_files"),
-    "triangulate": Entry("convert", "your_files"),
-    "digitise": Entry("digitise", "digitising", "desk"),
-    "label": Entry("label", "digitising", "desk"),
-    "track": Entry("track", "your_files"),
-    "batch": Entry("batch", "batch", "batches"),
-    "desk": Entry("desk", "desk", "desk"),
-    "kinematics": Entry("kinematics", "kinematics"),
-    "learn": Entry("learn", "several_recordings"),
-    "skeleton": Entry("skeleton", "skeleton"),
-    "demo": Entry("demo", "first_bat"),
-    "view": Entry("view", "looking"),
-    "share": Entry("view", "looking"),
-    "reproduce": Entry("reproduce", "potential", "paper"),
-    "design-joint": Entry("design_joint", "mechanism", "joint design"),
-    "compare-joints": Entry("compare_joints", "comparing"),
-    "help": Entry("help", None, function="help_"),
-    "data": Entry("data", "truth"),
-    "calibrate": Entry("calibrate", "calibration", "calibration"),
+    "info": CommandFile("info", "your_files"),
+    "convert": CommandFile("convert", "your_files"),
+    "triangulate": CommandFile("convert", "your_files"),
+    "digitise": CommandFile("digitise", "digitising", "desk"),
+    "label": CommandFile("label", "digitising", "desk"),
+    "track": CommandFile("track", "your_files"),
+    "batch": CommandFile("batch", "batch", "batches"),
+    "desk": CommandFile("desk", "desk", "desk"),
+    "kinematics": CommandFile("kinematics", "kinematics"),
+    "learn": CommandFile("learn", "several_recordings"),
+    "skeleton": CommandFile("skeleton", "skeleton"),
+    "demo": CommandFile("demo", "first_bat"),
+    "view": CommandFile("view", "looking"),
+    "share": CommandFile("view", "looking"),
+    "reproduce": CommandFile("reproduce", "potential", "paper"),
+    "design-joint": CommandFile("design_joint", "mechanism", "joint design"),
+    "compare-joints": CommandFile("compare_joints", "comparing"),
+    "help": CommandFile("help", None, function="help_"),
+    "data": CommandFile("data", "truth"),
+    "calibrate": CommandFile("calibrate", "calibration", "calibration"),
 }
 """The commands, in the order of ``mocap --help``."""
 

@@ -20,10 +20,10 @@ from mocap.digitising.errors import RayErrors, lasting_covariance, ray_errors
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, jerk_density, positioned, predicted
 from mocap.digitising.naming import MERGED, Named, seen_from, update, window_cov
-from mocap.digitising.observer import APART, Observer, crowding
+from mocap.digitising.observer import APART_RADII, Observer, crowding
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
-from mocap.digitising.texture import MOST_REACH_PX, Followed, begun, followed
+from mocap.digitising.texture import MOST_REACH_PX, FollowedTexture, begun, followed
 from mocap.digitising.videos import Videos, grey_levels
 from mocap.errors import MocapError
 from mocap.filters.anatomy import ends_among
@@ -135,7 +135,7 @@ class Engine:
         self._sort_clicks()
         none = np.zeros(shape[1], dtype=bool)
         self.observer = Observer(self.matrices, lengths, np.zeros(len(ends), dtype=np.int64), none, poses=self.poses)
-        self.points: dict[tuple[int, int], Followed] = {}
+        self.points: dict[tuple[int, int], FollowedTexture] = {}
 
     def first_points(self) -> tuple[int, Array, Array]:
         """The first frame with clicks of enough markers: its number, positions (M, 3) and covariances (M, 3, 3).
@@ -217,7 +217,9 @@ class Engine:
         self.tracks.crowding[frame] = crowding(self.tracks.ideal[frame], self.observer.radius_px)
         self.tracks.owner[frame] = np.full(dots.shape[:2], -1)
 
-    def _keep_texture(self, frame: int, camera: int, marker: int, point: Followed, *, corrects: bool = False) -> None:
+    def _keep_texture(
+        self, frame: int, camera: int, marker: int, point: FollowedTexture, *, corrects: bool = False
+    ) -> None:
         """Take where a texture was found as a dot that is its marker's alone, in place of one that was less sure.
 
         ``corrects``: in place of any.
@@ -598,7 +600,7 @@ class Engine:
             return np.ones(named.dot.shape)
         camera = np.arange(len(self.cameras))[:, None]
         sd = np.where(named.dot >= 0, sd[camera, np.maximum(named.dot, 0)], CLICK_SD_PX)
-        return np.where(named.merged, np.maximum(sd, MERGED * APART * self.observer.radius_px), sd)
+        return np.where(named.merged, np.maximum(sd, MERGED * APART_RADII * self.observer.radius_px), sd)
 
     def rerun(self, clicks: Iterable[Click], *, within: bool = False) -> tuple[int, int]:
         """Take more clicks; only frames that they change are named again. Returns the first and last of these.

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.digitising.pose import LEAST, PoseGaussian, fit_poses
-from mocap.digitising.register import GATE, SURE, recognise, unlikely
+from mocap.digitising.pose import FEWEST_OF_POSE, PoseGaussian, fit_poses
+from mocap.digitising.register import POINT_GATE, POINT_MARGIN, recognise, unlikely
 from mocap.errors import FormatError, MocapError
 from mocap.filters.model import LearnedModel
 from mocap.io.contents import FileContents
@@ -25,7 +25,7 @@ _SAMPLES, _LAGS = 12, 30
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segment:
+class TrajectoryPiece:
     """A piece of a trajectory without gap or jump.
 
     Attributes:
@@ -38,7 +38,7 @@ class Segment:
     first: int
     last: int
 
-    def overlaps(self, other: "Segment") -> bool:
+    def overlaps(self, other: "TrajectoryPiece") -> bool:
         """Whether both are there at the same time."""
         return self.first <= other.last and other.first <= self.last
 
@@ -52,7 +52,7 @@ class Labelled:
         marker: (S,) number of the marker that each is of; -1: it stays unnamed.
     """
 
-    segments: tuple[Segment, ...]
+    segments: tuple[TrajectoryPiece, ...]
     marker: NDArray[np.int64]
 
     def tracks(self, xyz_m: Array, n_markers: int) -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ class Labelled:
         return named, left
 
 
-def cut(xyz_m: Array, *, jump_m: float) -> tuple[Segment, ...]:
+def cut(xyz_m: Array, *, jump_m: float) -> tuple[TrajectoryPiece, ...]:
     """Pieces of trajectories (T, N, 3) between gaps, and between jumps that are far from the way before.
 
     Args:
@@ -87,7 +87,7 @@ def cut(xyz_m: Array, *, jump_m: float) -> tuple[Segment, ...]:
         for first in np.flatnonzero(starts):
             after = np.flatnonzero(~seen[first + 1 :] | starts[first + 1 :])
             last = first + int(after[0]) if len(after) else len(path) - 1
-            out.append(Segment(column=column, first=int(first), last=int(last)))
+            out.append(TrajectoryPiece(column=column, first=int(first), last=int(last)))
     return tuple(out)
 
 
@@ -125,7 +125,7 @@ def label_segments(xyz_m: Array, poses: PoseGaussian) -> Labelled:
 class _State:
     """Names while they are being found."""
 
-    def __init__(self, xyz_m: Array, segments: tuple[Segment, ...], poses: PoseGaussian) -> None:
+    def __init__(self, xyz_m: Array, segments: tuple[TrajectoryPiece, ...], poses: PoseGaussian) -> None:
         self.xyz, self.segments, self.poses = xyz_m, segments, poses
         self.marker = np.full(len(segments), -1)
         self.refused: set[tuple[int, int]] = set()
@@ -180,10 +180,10 @@ class _State:
         for s, m in zip(self.segments, self.marker, strict=True):
             if m < 0:
                 lasting[s.first : s.last + 1] += np.minimum(s.last - s.first + 1, 50) / 50
-        lasting[named >= LEAST] = 0
+        lasting[named >= FEWEST_OF_POSE] = 0
         tried = 0
         done = False
-        while tried < 12 and lasting.max(initial=0) >= LEAST:
+        while tried < 12 and lasting.max(initial=0) >= FEWEST_OF_POSE:
             frame = int(np.argmax(lasting))
             lasting[max(frame - len(lasting) // 30 - 5, 0) : frame + len(lasting) // 30 + 6] = 0
             columns = np.flatnonzero(seen[frame])
@@ -234,7 +234,7 @@ class _State:
             guesses[key] = found
         return guesses[key]
 
-    def continued(self, s: Segment, marker: int) -> float:
+    def continued(self, s: TrajectoryPiece, marker: int) -> float:
         """What the marker's own segments shortly before and after tell: less than 0 where this one goes on in them."""
         out = 0.0
         for sign, end in ((-1, s.first), (1, s.last)):
@@ -249,7 +249,7 @@ class _State:
                 rate = (path[end] - path[inner]) / 3 if s.first <= inner <= s.last else np.zeros(3)
                 away = own - (path[end] + rate * lag)
                 variance = self.lag_m2[lag] * (1 if s.first <= inner <= s.last else 4)
-                out += min(float(away @ away) / variance, 4 * GATE) + 3 * np.log(variance / 1e-6) - 3 * np.log(
+                out += min(float(away @ away) / variance, 4 * POINT_GATE) + 3 * np.log(variance / 1e-6) - 3 * np.log(
                     self.lag_m2[-1] / 1e-6
                 )  # fmt: skip
                 break
@@ -276,7 +276,7 @@ class _State:
                 if j != i and self.segments[j].overlaps(self.segments[i]) and self.fits(j, marker, guesses)
             ]
             margin = min([margin, *rivals])
-            if margin > SURE:
+            if margin > POINT_MARGIN:
                 ranked.append((margin, i, marker))
         ranked.sort(reverse=True)
         named = 0
@@ -293,7 +293,7 @@ class _State:
     def fits(self, segment: int, marker: int, guesses: dict[tuple[int, int], tuple[Array, Array]]) -> bool:
         """Whether the segment lies where the marker may be."""
         away = self.off(segment, marker, lambda frame: self.guess(frame, guesses))
-        return away is not None and away < GATE
+        return away is not None and away < POINT_GATE
 
     def off(self, segment: int, marker: int, guess: Callable[[int], tuple[Array, Array] | None]) -> float | None:
         """Median squared distance of a segment from where the marker is guessed, in variances; None: nothing tells."""
@@ -312,7 +312,7 @@ class _State:
             def by_others(frame: int, others: NDArray[np.bool_] = every != marker) -> tuple[Array, Array] | None:
                 return self.poses.given(np.nan_to_num(self.at[frame]), (self.owner[frame] >= 0) & others)
 
-            if (self.off(i, marker, by_others) or 0.0) > 1.5 * GATE:
+            if (self.off(i, marker, by_others) or 0.0) > 1.5 * POINT_GATE:
                 self.unname(i)
 
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from eal.arrays import Array
-from mocap.digitising.naming import FAR, MARGIN, seen_from
-from mocap.digitising.register import GATE
+from mocap.digitising.naming import IMPOSSIBLE, NAME_MARGIN, seen_from
+from mocap.digitising.register import POINT_GATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def name_points(
     spread = cov_m2[markers] + error_m**2 * np.eye(3)
     d2 = np.einsum("lni,lij,lnj->ln", away, np.linalg.inv(spread), away)
     count = (made >= 0).sum(axis=1)
-    cost = np.where(d2 < GATE, d2 + np.log(np.linalg.det(spread / error_m**2))[:, None], FAR)
+    cost = np.where(d2 < POINT_GATE, d2 + np.log(np.linalg.det(spread / error_m**2))[:, None], IMPOSSIBLE)
     cost -= 8.0 * (count - 2)  # a chance meeting of a further ray is rare
     if faint is not None:
         cost += np.where(made >= 0, faint[np.arange(len(faint)), np.maximum(made, 0)], 0.0).sum(axis=1)
@@ -135,10 +135,10 @@ def name_points(
                     continue
                 long = np.linalg.norm(xyz_m - at[other], axis=1) - bones.length_m[bone]
                 error = (long / np.hypot(bones.sd_m[bone], 1.5 * error_m)) ** 2
-                cost[row] = np.where(error < 16, cost[row] + error, FAR)
+                cost[row] = np.where(error < 16, cost[row] + error, IMPOSSIBLE)
                 expected[row] |= error < 9
-    cost[(count[None] < 3) & ~expected] = FAR
-    ok = cost < FAR / 2
+    cost[(count[None] < 3) & ~expected] = IMPOSSIBLE
+    ok = cost < IMPOSSIBLE / 2
     if not ok.any():
         return []
     nothing = 30.0
@@ -164,7 +164,7 @@ def name_points(
         )
         idle = [q for q, d in zip(rows.tolist(), columns.tolist(), strict=True) if q != r and d >= len(xyz_m)]
         rival = min((cost[q, c] for q in idle), default=np.inf) - mine
-        if min(others.min(initial=np.inf) - mine, swap, rival) > MARGIN:
+        if min(others.min(initial=np.inf) - mine, swap, rival) > NAME_MARGIN:
             out.append((int(markers[r]), c))
     return out
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.filters.gaussian import Moments, Move
 
-STEP = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+TRANSITION = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
 """(3, 3) transition of each coordinate from one frame to the next."""
 _JERK = np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
 JERK = np.kron(_JERK, np.eye(3))
@@ -48,7 +48,7 @@ class State(Moments):
 
 def predicted(state: State, density: Array) -> State:
     """A frame later; ``density`` (M,) of the jerk in m^2 / frame^5."""
-    ahead = Move(np.zeros((0, 0)), STEP, density[:, None, None] * JERK).ahead(state)
+    ahead = Move(np.zeros((0, 0)), TRANSITION, density[:, None, None] * JERK).ahead(state)
     return State(ahead.mean, ahead.cov)
 
 

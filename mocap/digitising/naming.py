@@ -8,13 +8,13 @@ from scipy.optimize import linear_sum_assignment
 
 from eal.arrays import Array
 
-GATE = 2 * np.log(1e4)
+NAME_GATE = 2 * np.log(1e4)
 """Chi-square of two degrees of freedom that one right dot in ten thousand exceeds: the window of a marker."""
-MARGIN = 7.0
+NAME_MARGIN = 7.0
 """A name is given where every other one is less likely by exp(3.5), 33 times."""
-UNSEEN = GATE + np.log(5.0**4)
+WITHOUT_DOT = NAME_GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
-FAR = 1e6
+IMPOSSIBLE = 1e6
 """Cost of what cannot be: above all that can, squares of a few tens."""
 MERGED = 0.25
 """Standard deviation of a dot of two markers in one, as a share of the distance at which two dots are apart.
@@ -169,18 +169,18 @@ def _assigned(
     if not n_dots:
         return np.full(uv.shape[:2], -1, dtype=np.int64), np.zeros(n_markers, dtype=bool)
     d2, log_det = away2(s, dots, uv)
-    cost = np.where(d2 < GATE, d2 + log_det[..., None], FAR)  # NaN compares false
+    cost = np.where(d2 < NAME_GATE, d2 + log_det[..., None], IMPOSSIBLE)  # NaN compares false
     if faint is not None:
         cost += faint[:, None]
-    cost[others] = FAR
+    cost[others] = IMPOSSIBLE
     fixed = clicked_dots >= 0
     if fixed.any():
         camera, marker = np.nonzero(fixed)
-        cost[camera, :, clicked_dots[camera, marker]] = FAR
-        cost[fixed] = FAR
+        cost[camera, :, clicked_dots[camera, marker]] = IMPOSSIBLE
+        cost[fixed] = IMPOSSIBLE
     pick = cost.argmin(axis=2)
     mine = np.take_along_axis(cost, pick[..., None], axis=2)[..., 0]
-    pick = np.where(mine < UNSEEN, pick, -1)
+    pick = np.where(mine < WITHOUT_DOT, pick, -1)
     for c, row in enumerate(pick):
         taken = row[row >= 0]
         if np.bincount(taken, minlength=1).max() > 1:
@@ -188,7 +188,7 @@ def _assigned(
     has = pick >= 0
     # [c, m, n]: cost of the dot of n for m
     of_others = np.take_along_axis(cost, np.broadcast_to(np.maximum(pick, 0)[:, None], (*pick.shape, n_markers)), 2)
-    mine = np.where(has, np.einsum("cmm->cm", of_others), FAR)
+    mine = np.where(has, np.einsum("cmm->cm", of_others), IMPOSSIBLE)
     # exchange of two markers, another dot for this marker, another marker for this dot
     total = mine[:, :, None] + mine[:, None]
     exchange = np.where(has[:, None], of_others + np.swapaxes(of_others, 1, 2) - total, np.inf)
@@ -196,10 +196,10 @@ def _assigned(
     exchange[:, i, i] = np.inf
     used = np.zeros((len(uv), n_dots), dtype=bool)
     used[np.nonzero(has)[0], pick[has]] = True
-    other_dot = np.where(used[:, None], FAR, cost).min(axis=2)
-    other_marker = np.where(has[:, :, None], FAR, of_others).min(axis=1)
+    other_dot = np.where(used[:, None], IMPOSSIBLE, cost).min(axis=2)
+    other_marker = np.where(has[:, :, None], IMPOSSIBLE, of_others).min(axis=1)
     rival = np.minimum(exchange.min(axis=2), np.minimum(other_dot, other_marker) - mine)
-    sure = has & (rival > MARGIN)
+    sure = has & (rival > NAME_MARGIN)
     # two markers so close that their dots are one: the dot of one is no place of either
     lone = ~sure & ~fixed & ~textured
     if lone.any():
@@ -224,13 +224,13 @@ def _merged(
 
 
 def _least_cost(cost: Array) -> NDArray[np.int64]:
-    """(M,) dots of the assignment of least cost (Hungarian method); -1: none, at the cost ``UNSEEN``."""
+    """(M,) dots of the assignment of least cost (Hungarian method); -1: none, at the cost ``WITHOUT_DOT``."""
     out = np.full(len(cost), -1)
-    rows, columns = np.flatnonzero((cost < FAR).any(axis=1)), np.flatnonzero((cost < FAR).any(axis=0))
+    rows, columns = np.flatnonzero((cost < IMPOSSIBLE).any(axis=1)), np.flatnonzero((cost < IMPOSSIBLE).any(axis=0))
     small = cost[np.ix_(rows, columns)]
-    padded = np.concatenate([small, np.full((len(rows), len(rows)), UNSEEN)], axis=1)
+    padded = np.concatenate([small, np.full((len(rows), len(rows)), WITHOUT_DOT)], axis=1)
     m, k = linear_sum_assignment(padded)
-    real = (k < len(columns)) & (padded[m, k] < UNSEEN)
+    real = (k < len(columns)) & (padded[m, k] < WITHOUT_DOT)
     out[rows[m[real]]] = columns[k[real]]
     return out
 

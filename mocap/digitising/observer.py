@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.digitising.meeting import Lengths, meetings, name_points, reaches, violated
 from mocap.digitising.motion import State, positioned
-from mocap.digitising.naming import GATE, Named, away2, name_dots, seen_from, window_cov
+from mocap.digitising.naming import NAME_GATE, Named, away2, name_dots, seen_from, window_cov
 from mocap.digitising.pose import PoseGaussian
 
-APART = 2.2
+APART_RADII = 2.2
 """Two dots closer than so many radii are one: discs touch at two. Chosen, not measured."""
 
 
@@ -72,7 +72,7 @@ class Observer:
             self.matrices,
             ideal,
             sd_px=sd_px,
-            reach_px=APART * self.radius_px,
+            reach_px=APART_RADII * self.radius_px,
             clicks=clicks,
             barred=barred,
             owner=owner,
@@ -118,7 +118,7 @@ class Observer:
         uv, jacobian = seen_from(self.matrices, state.xyz_m[wanted])
         d2, _ = away2(window_cov(jacobian, state.cov_m2[wanted], self.sd_px), ideal, uv)
         with np.errstate(invalid="ignore"):
-            free &= (d2 < GATE).any(axis=1)
+            free &= (d2 < NAME_GATE).any(axis=1)
             # a dot where a marker is that is known belongs to that one, though it may be unsure in this camera
             taken, _ = seen_from(self.matrices, named.xyz_m[named.rays >= 2])
             gap = ideal[:, :, None] - taken[:, None]

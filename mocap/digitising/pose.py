@@ -11,7 +11,7 @@ from eal.arrays import Array
 from mocap.filters.body_axes import nearest_rotation, trunk_shape
 from mocap.filters.subspace import principal_components
 
-LEAST = 4
+FEWEST_OF_POSE = 4
 """No pose is turned onto fewer markers."""
 
 
@@ -46,7 +46,7 @@ class PoseGaussian:
         Returns:
             None: too few markers are seen.
         """
-        if seen.sum() < LEAST:
+        if seen.sum() < FEWEST_OF_POSE:
             return None
         xyz, cov = self.given_each(xyz_m[None], seen[None])
         return xyz[0], cov[0]
@@ -60,7 +60,7 @@ class PoseGaussian:
         spread = np.linalg.inv(np.eye(rank) + flat.T @ w / self.noise_m2)
         pull = spread @ np.swapaxes(w, 1, 2) / self.noise_m2
         body = seen & self.trunk
-        use = np.where((body.sum(axis=1) >= LEAST)[:, None], body, seen)
+        use = np.where((body.sum(axis=1) >= FEWEST_OF_POSE)[:, None], body, seen)
         shape = np.broadcast_to(self.mean, y.shape)
         rotation, shift = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 1, 3))
         for turn in range(3):
@@ -103,8 +103,8 @@ def fit_poses(xyz_m: Array, trunk: Sequence[int], *, rank: int = 10, least_sd_m:
     """
     seen = np.isfinite(xyz_m[..., 0])
     body = np.zeros(seen.shape[1], dtype=bool)
-    body[list(trunk) if len(trunk) >= LEAST else slice(None)] = True
-    usable = np.flatnonzero((seen[:, body].sum(axis=1) >= LEAST) & (seen.mean(axis=1) > 0.5))
+    body[list(trunk) if len(trunk) >= FEWEST_OF_POSE else slice(None)] = True
+    usable = np.flatnonzero((seen[:, body].sum(axis=1) >= FEWEST_OF_POSE) & (seen.mean(axis=1) > 0.5))
     if len(usable) < 8 or not seen[usable].any(axis=0).all():
         return None
     usable = usable[np.unique(np.linspace(0, len(usable) - 1, min(400, len(usable))).astype(int))]
@@ -115,7 +115,7 @@ def fit_poses(xyz_m: Array, trunk: Sequence[int], *, rank: int = 10, least_sd_m:
     squares = np.full((len(points) - end, points.shape[1]), np.nan)
     later = points[end:][:: max(1, (len(points) - end) // 12)]
     there = np.isfinite(later[..., 0])
-    row, m = np.nonzero(there & (there.sum(axis=1, keepdims=True) > LEAST))
+    row, m = np.nonzero(there & (there.sum(axis=1, keepdims=True) > FEWEST_OF_POSE))
     if len(row):
         hidden = there[row] & (np.arange(there.shape[1]) != m[:, None])
         found, _ = first.given_each(later[row], hidden)

@@ -9,11 +9,11 @@ from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtri
 
 from eal.arrays import Array
-from mocap.digitising.pose import LEAST, PoseGaussian, rigid
+from mocap.digitising.pose import FEWEST_OF_POSE, PoseGaussian, rigid
 
-GATE = float(chdtri(3, 1e-3))
+POINT_GATE = float(chdtri(3, 1e-3))
 """Chi-square of three degrees of freedom that one right point in a thousand exceeds."""
-SURE = 12.0
+POINT_MARGIN = 12.0
 """A name is given where every other one is less likely by exp(6), 400 times."""
 _DOF = 5.0  # of Student's t; chosen, not measured
 
@@ -25,7 +25,7 @@ class Registration:
     Attributes:
         point: (M,) point of each marker; -1: none.
         sure: (M,) True where no exchange with another marker or point is nearly as likely.
-        cost: Of the assignment: squared distances in deviations, and ``GATE`` for each marker without a point.
+        cost: Of the assignment: squared distances in deviations, and ``POINT_GATE`` for each marker without a point.
         margin: By which the cost of the next best, different assignment is greater.
     """
 
@@ -49,7 +49,7 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
     Returns:
         None: there are fewer than four points, or no assignment of 70 % of the markers or points.
     """
-    if len(points) < LEAST:
+    if len(points) < FEWEST_OF_POSE:
         return None
     far = np.linalg.norm(points[:, None] - points, axis=-1)
     guesses = []
@@ -59,7 +59,7 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
             at = poses.mean @ rotation.T + shift
             sd = np.sqrt(_spread(poses))
             near = (np.linalg.norm(at[:, None] - points, axis=-1) / sd[:, None]).min(axis=1)
-            guesses.append((float(np.minimum(near**2, 3 * GATE).sum()), three, triple))
+            guesses.append((float(np.minimum(near**2, 3 * POINT_GATE).sum()), three, triple))
     guesses.sort(key=lambda guess: guess[0])
     found: dict[tuple[int, ...], float] = {}
     for _, three, triple in guesses[:40]:  # of speed; chosen
@@ -72,7 +72,7 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
         return None
     ranked = sorted(found.items(), key=lambda item: item[1])
     best = np.array(ranked[0][0])
-    if (best >= 0).sum() < max(LEAST, 0.7 * min(len(points), len(best))):
+    if (best >= 0).sum() < max(FEWEST_OF_POSE, 0.7 * min(len(points), len(best))):
         return None
     # an assignment that differs in a point or two only is the same one, less well settled
     others = [c for k, c in ranked[1:] if np.sum((np.array(k) != best) & (np.array(k) >= 0)) > 2]
@@ -108,7 +108,7 @@ def _sure(points: Array, poses: PoseGaussian, point: NDArray[np.int64]) -> NDArr
         swap = cost[m, point[others]] + cost[others, point[m]] - mine[m] - mine[others]
         idle = cost[~seen, point[m]] - mine[m]
         free = np.delete(cost[m], point[seen]) - mine[m]
-        out[m] = min(swap.min(initial=np.inf), idle.min(initial=np.inf), free.min(initial=np.inf)) > SURE
+        out[m] = min(swap.min(initial=np.inf), idle.min(initial=np.inf), free.min(initial=np.inf)) > POINT_MARGIN
     return out
 
 
@@ -117,7 +117,7 @@ def settled(points: Array, poses: PoseGaussian, point: NDArray[np.int64]) -> tup
     cost, wide = np.inf, 4.0
     for _ in range(10):
         seen = point >= 0
-        if seen.sum() >= LEAST:
+        if seen.sum() >= FEWEST_OF_POSE:
             found = poses.given(np.where(seen[:, None], points[np.maximum(point, 0)], 0.0), seen)
         else:
             rotation, shift = rigid(poses.mean[seen], points[point[seen]])
@@ -127,10 +127,10 @@ def settled(points: Array, poses: PoseGaussian, point: NDArray[np.int64]) -> tup
         at, cov = found
         away = points[None] - at[:, None]
         d2 = np.einsum("mni,mij,mnj->mn", away, np.linalg.inv(cov * wide), away)
-        padded = np.concatenate([np.minimum(d2, 1e6), np.full((len(at), len(at)), GATE)], axis=1)
+        padded = np.concatenate([np.minimum(d2, 1e6), np.full((len(at), len(at)), POINT_GATE)], axis=1)
         rows, columns = linear_sum_assignment(padded)
         new = np.full(len(at), -1)
-        good = (columns < len(points)) & (padded[rows, columns] < GATE)
+        good = (columns < len(points)) & (padded[rows, columns] < POINT_GATE)
         new[rows[good]] = columns[good]
         cost = float(padded[rows, columns].sum()) + float(np.log(wide) * 3 * good.sum())
         if (new == point).all() and wide == 1.0:

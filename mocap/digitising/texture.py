@@ -18,7 +18,7 @@ HALF_PX = 7
 """Half the width of a template, less half a pixel. Chosen, not measured."""
 _ROOM_PX = 13  # about it; chosen, not measured
 _ALIKE, _APART = 0.7, 0.1  # least correlation with a template, and by how much the next place has less; chosen
-CLICK_PX = 0.5
+TEXTURE_CLICK_PX = 0.5
 """Standard deviation of a coordinate of a click, on texture. Chosen, not measured."""
 MOST_REACH_PX = 60.0
 """A point moves by no more from frame to frame, where nothing else tells. Chosen, not measured."""
@@ -38,7 +38,7 @@ class Template:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Followed:
+class FollowedTexture:
     """A point in an image.
 
     Attributes:
@@ -54,13 +54,15 @@ class Followed:
     before: NDArray[np.uint8] | None
 
 
-def begun(picture: Grey, uv: Array) -> Followed:
+def begun(picture: Grey, uv: Array) -> FollowedTexture:
     """A point where it was clicked."""
     patch = _patch(picture, uv)
-    return Followed(uv=uv, sd_px=CLICK_PX, template=Template(patch=patch, sd_px=CLICK_PX), before=patch)
+    return FollowedTexture(
+        uv=uv, sd_px=TEXTURE_CLICK_PX, template=Template(patch=patch, sd_px=TEXTURE_CLICK_PX), before=patch
+    )
 
 
-def followed(last: Followed, picture: Grey, guess: Array, reach_px: float) -> Followed:
+def followed(last: FollowedTexture, picture: Grey, guess: Array, reach_px: float) -> FollowedTexture:
     """The point in the next image; where it is not found ``before`` is None, and ``uv`` the guess.
 
     Args:
@@ -78,18 +80,18 @@ def followed(last: Followed, picture: Grey, guess: Array, reach_px: float) -> Fo
                 return _found(last.template, picture, fits)
             sd_px = float(np.hypot(last.sd_px, 0.6))  # that each change of template adds
             patch = _patch(picture, flow)
-            return Followed(uv=flow, sd_px=sd_px, template=Template(patch=patch, sd_px=sd_px), before=patch)
+            return FollowedTexture(uv=flow, sd_px=sd_px, template=Template(patch=patch, sd_px=sd_px), before=patch)
     place = _searched(last.template, picture, guess, min(max(reach_px, 3.0), MOST_REACH_PX))
     if place is not None:
         fits = _aligned(last.template.patch, last.template, picture, place)
         if fits is not None:
             return _found(last.template, picture, fits)
-    return Followed(uv=guess, sd_px=last.sd_px, template=last.template, before=None)
+    return FollowedTexture(uv=guess, sd_px=last.sd_px, template=last.template, before=None)
 
 
-def _found(template: Template, picture: Grey, uv: Array) -> Followed:
+def _found(template: Template, picture: Grey, uv: Array) -> FollowedTexture:
     sd_px = float(np.hypot(template.sd_px, 0.2))  # of a match
-    return Followed(uv=uv, sd_px=sd_px, template=template, before=_patch(picture, uv))
+    return FollowedTexture(uv=uv, sd_px=sd_px, template=template, before=_patch(picture, uv))
 
 
 def _patch(picture: Grey, uv: Array, half: int = HALF_PX + _ROOM_PX) -> NDArray[np.uint8]:

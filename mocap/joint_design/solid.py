@@ -99,7 +99,7 @@ ROUND = 48
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Part:
+class PrintedPart:
     """One part to print.
 
     Attributes:
@@ -132,7 +132,7 @@ class Kit:
     stack: Stack
     printing: Printing
     bottoms_mm: Array
-    parts: tuple[Part, ...]
+    parts: tuple[PrintedPart, ...]
     top_mm: float
 
 
@@ -153,7 +153,7 @@ def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: 
         bottoms[i] = height
         height += flexures[i].depth_m / MM
     members = [
-        Part(name=f"member_{i + 1}", solid=Manifold.extrude(outline, flexure.depth_m / MM), outline=outline)
+        PrintedPart(name=f"member_{i + 1}", solid=Manifold.extrude(outline, flexure.depth_m / MM), outline=outline)
         for i, flexure in enumerate(flexures)
         for outline in [member_outline(flexure, flexure.rest_m, printing)]
     ]
@@ -172,7 +172,11 @@ def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: 
         base += column.translate((x, y, 0.0))
     pin = _rod(0.0, height + _TIP_MM - PLATE_MM, printing.pin_m / MM / 2)
     mover = pin + _rod(0.0, FOOT_MM, FOOT_RADIUS_MM)
-    parts = [Part(name="base", solid=base, outline=None), *members, Part(name="mover", solid=mover, outline=None)]
+    parts = [
+        PrintedPart(name="base", solid=base, outline=None),
+        *members,
+        PrintedPart(name="mover", solid=mover, outline=None),
+    ]
     if stack.hanging:
         plate = Manifold.extrude(rim, PLATE_MM).translate((0.0, 0.0, top))
         for x, y in columns:
@@ -180,7 +184,7 @@ def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: 
             plate -= hole.translate((x, y, 0.0))
         plate += Manifold.batch_boolean([posts[i] for i in stack.hanging], OpType.Add)
         turned = plate.rotate((180.0, 0.0, 0.0)).translate((0.0, 0.0, top + PLATE_MM))
-        parts.append(Part(name="top", solid=turned, outline=None))
+        parts.append(PrintedPart(name="top", solid=turned, outline=None))
     return Kit(
         truss=truss,
         flexures=flexures,

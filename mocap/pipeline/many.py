@@ -14,7 +14,7 @@ from mocap.pipeline.potentials import FEWEST, FRAME, NAMES, JointPotential, sett
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeftOut:
+class LeftOutTrials:
     """How well a potential knows trials that it was not learned from.
 
     Attributes:
@@ -74,7 +74,7 @@ class ManyTrials:
         names = NAMES[: self.sketch_m.shape[1]]
         return sums.potential(lam=self.choice.lam, names=names, units=(f"{self.scale_m:.6g} m",) * len(names))
 
-    def left_out(self, animals: Mapping[str, Hashable] | None = None) -> list[LeftOut]:
+    def left_out(self, animals: Mapping[str, Hashable] | None = None) -> list[LeftOutTrials]:
         """Each trial, or all trials of each animal, by the potential of the others: from the sums alone.
 
         Args:
@@ -94,7 +94,7 @@ class ManyTrials:
             part = total(self.sums[name] for name in names)
             others = self._fitted(whole - part)
             value, own = part.mean_value(others), part.mean_value(every)
-            out.append(LeftOut(trials=tuple(names), samples=int(part.total), value=value, own=own))
+            out.append(LeftOutTrials(trials=tuple(names), samples=int(part.total), value=value, own=own))
         return out
 
 

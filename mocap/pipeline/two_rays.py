@@ -23,13 +23,13 @@ from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import learn_motion, marker_trial, seen_part, track, trial_set, why_no_pose
 
-FAR = 6.0
+CONTRADICTED = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small.
 Of normal errors in three coordinates one in 13 million is."""
 PAUSE = 5
 """Frames that show a marker in two cameras are of one run, with at most so many between them that do not.
 Chosen, not measured."""
-SURE = 2 * np.log(33)
+WRONG_CAMERA = 2 * np.log(33)
 """A camera is taken to be wrong if the mean squared distance of its rays is larger by so much: in one frame the other
 marker would be 33 times less likely, and all frames count as one, for the filter errs alike in them."""
 
@@ -135,7 +135,7 @@ def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: Lea
     if not points.any() or not _can_expect(doubted, learned):
         return recording
     xyz, cov = _expected(doubted, pose, _trials(doubted, learned))
-    far = points & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=points) > FAR)
+    far = points & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=points) > CONTRADICTED)
     if far.any():
         away_m = np.where(far, np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.nan)
         far &= ~continuing(recording, points, away_m)
@@ -249,9 +249,9 @@ def _wrong_rays(recording: Recording, runs: Sequence[Disagreement], xyz_m: Array
         bad = int(np.argmax(away.mean(axis=1)))
         kept = float(away[1 - bad].mean())
         more = (away[bad] - away[1 - bad]) / max(1.0, kept / 2)  # of two rows: the filter may be surer than it should
-        if more.mean() < SURE or kept > FAR**2:
+        if more.mean() < WRONG_CAMERA or kept > CONTRADICTED**2:
             continue
-        shows = np.flatnonzero((more >= SURE) | np.isnan(recording.xyz_m[frames, run.marker, 0]))
+        shows = np.flatnonzero((more >= WRONG_CAMERA) | np.isnan(recording.xyz_m[frames, run.marker, 0]))
         wrong[run.cameras[bad], frames[shows[0] : shows[-1] + 1], run.marker] = True
     return wrong
 

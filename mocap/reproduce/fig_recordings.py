@@ -11,7 +11,7 @@ from eal.arrays import Z95
 from eal.midpoint import simulate_midpoint
 from mocap.reproduce.joint_filter import substeps, theorem_3
 from mocap.reproduce.record import Figure, Verdict, judged
-from mocap.reproduce.recordings import Tracked, planar, spherical, wrist
+from mocap.reproduce.recordings import TrackedJoint, planar, spherical, wrist
 
 Array = NDArray[Any]
 """Of any type of number: this file stands between libraries that name theirs."""
@@ -27,7 +27,7 @@ _ENERGY = "Released without noise the filter's model conserves T + U + V_z/eps^2
 RELEASED_S = 0.5  # chosen
 
 
-RECORDED: dict[str, tuple[Callable[..., Tracked], str]] = {
+RECORDED: dict[str, tuple[Callable[..., TrackedJoint], str]] = {
     "13_recorded": (planar, "planar pendulum, filmed"),
     "19_recorded": (spherical, "spherical pendulum, filmed"),
     "20_recorded": (wrist, "wrist about elbow of a lizard, filmed"),
@@ -41,7 +41,7 @@ def figure_recorded(name: str, *, quick: bool) -> Figure:
     return _figure(name, make(quick=quick), title)
 
 
-def _figure(name: str, tracked: Tracked, title: str) -> Figure:
+def _figure(name: str, tracked: TrackedJoint, title: str) -> Figure:
     track, truth = tracked.track, tracked.seen.truth
     there = np.isfinite(truth).all(axis=1)
     measured, hidden = there & (track.measured > 0), there & (track.measured == 0)
@@ -86,7 +86,7 @@ def _figure(name: str, tracked: Tracked, title: str) -> Figure:
     )
 
 
-def _share(tracked: Tracked, frames: Array, which: str) -> Verdict:
+def _share(tracked: TrackedJoint, frames: Array, which: str) -> Verdict:
     """Intervals that hold; of the few gaps, in which errors are all alike, an upper limit would say nothing."""
     most = 0.99 if which == "measured" else 1.0
     share = tracked.inside[frames].mean(axis=0)
@@ -104,7 +104,7 @@ def _share(tracked: Tracked, frames: Array, which: str) -> Verdict:
     )
 
 
-def _released(tracked: Tracked) -> list[Verdict]:
+def _released(tracked: TrackedJoint) -> list[Verdict]:
     """Energy and V_z of the model released at the track's first state, at three steps of the integrator."""
     model, q, v = tracked.model, tracked.track.q[0], tracked.track.v[0]
     h = float(np.diff(tracked.track.t_s).mean()) / substeps(model, q, float(np.diff(tracked.track.t_s).mean()))
@@ -150,7 +150,7 @@ def _listed(values: Array) -> str:
     return ", ".join(f"{x:.2g}" for x in values)
 
 
-def _draw(canvas: Canvas, tracked: Tracked, title: str) -> None:
+def _draw(canvas: Canvas, tracked: TrackedJoint, title: str) -> None:
     """Coordinates with their 95 % bands, and V_z with Theorem 3's bound."""
     track = tracked.track
     labels = COORDINATES[tracked.name]
@@ -199,7 +199,7 @@ def _draw(canvas: Canvas, tracked: Tracked, title: str) -> None:
     rows[0].set_title(f"{title} (grey: hidden in all cameras)", fontsize=9)
 
 
-def bound_edges(tracked: Tracked) -> Array:
+def bound_edges(tracked: TrackedJoint) -> Array:
     """(T, 2) least and greatest r at the track's theta where V_z is at the bound; empty unless planar."""
     if tracked.name != "planar":
         return np.empty(0)

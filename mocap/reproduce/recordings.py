@@ -60,7 +60,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Tracked:
+class TrackedJoint:
     """A joint whose mechanics was learned in one recording and tracked it in another.
 
     Attributes:
@@ -86,7 +86,7 @@ class Tracked:
         return np.abs(self.track.q - self.seen.truth) <= 1.96 * self.track.sd
 
 
-def planar(*, quick: bool) -> Tracked:
+def planar(*, quick: bool) -> TrackedJoint:
     """The planar pendulum in (r, theta): learned from a release at 30 degrees, tracked when released at 10."""
     frames = 500 if quick else 1000
     learn, track = (
@@ -96,7 +96,7 @@ def planar(*, quick: bool) -> Tracked:
     return _tracked("planar", planar_pendulum(), lambda q: _potential(q, beta=3.0, lam=1e-4), learn, track)
 
 
-def spherical(*, quick: bool) -> Tracked:
+def spherical(*, quick: bool) -> TrackedJoint:
     """The spherical pendulum in (x1, x2, x3): learned from one start, tracked from one a third of a turn on."""
     frames = 500 if quick else 1000
     learn, track = (
@@ -106,7 +106,7 @@ def spherical(*, quick: bool) -> Tracked:
     return _tracked("spherical", spherical_pendulum(), lambda q: _potential(q, beta=1.0, lam=1e-5), learn, track)
 
 
-def wrist(*, quick: bool) -> Tracked:
+def wrist(*, quick: bool) -> TrackedJoint:
     """The lizard's left wrist about its elbow, in body axes and units of the median distance; m = 1 kg, no U."""
     learn, track = (_limb(make_lizard(seed=seed, n_frames=n)) for seed, n in ((1, 480), (2, 240 if quick else 480)))
     samples = learn.q[np.isfinite(learn.q).all(axis=1)]
@@ -121,7 +121,7 @@ def _potential(q: Array, *, beta: float, lam: float) -> EmpiricalPotential:
 
 def _tracked(
     name: str, system: LagrangianSystem, learned: Callable[[Array], EmpiricalPotential], learn: Seen, seen: Seen
-) -> Tracked:
+) -> TrackedJoint:
     """V_z of the whole first recording; 1/eps^2 and the noise from its last third, with V_z of the first two."""
     start_sd = START_SD[name]
     learn = _cut(learn, len(learn.q))
@@ -157,7 +157,7 @@ def _tracked(
         lowest = 0.0
         released = int(np.argmax(np.where(track.measured > 0, track.energy_j, -np.inf)))
     bound = theorem_3(model, track.q[released], track.v[released], potential_min_j=lowest)
-    return Tracked(name=name, model=model, seen=seen, track=track, bound=bound, lowest_j=lowest)
+    return TrackedJoint(name=name, model=model, seen=seen, track=track, bound=bound, lowest_j=lowest)
 
 
 def _free(name: str, system: LagrangianSystem, seen: Seen) -> JointTrack:

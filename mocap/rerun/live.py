@@ -172,7 +172,7 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class LiveSession:
     """A viewer that shows a recording while it is tracked.
 
     Attributes:
@@ -211,14 +211,14 @@ class Session:
 
 
 @contextmanager
-def session(tell: Callable[[str], None]) -> Iterator[tuple[Session, Viewer]]:
+def session(tell: Callable[[str], None]) -> Iterator[tuple[LiveSession, Viewer]]:
     """A viewer for a session: a window, or where there is no screen a page for the browser. Closed at the end."""
     viewer = open_viewer(None, web=not has_display(os.environ, sys.platform))
     try:
         if viewer.url:
             tell(viewer.url)
             webbrowser.open(viewer.url)
-        yield Session(viewer.sink, tell), viewer
+        yield LiveSession(viewer.sink, tell), viewer
     finally:
         viewer.close()
 

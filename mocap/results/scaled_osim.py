@@ -25,7 +25,7 @@ Places = Mapping[str, Mapping[str, Array]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Factor:
+class BodyScale:
     """By what a body is scaled.
 
     Attributes:
@@ -39,7 +39,7 @@ class Factor:
     spread: float
 
 
-def write_scaled_osim(run: Recording, generic: Path, folder: Path) -> dict[str, Factor]:
+def write_scaled_osim(run: Recording, generic: Path, folder: Path) -> dict[str, BodyScale]:
     """Write ``scaled.osim`` and ``scale_factors.csv``.
 
     A body is scaled alike in all directions, by f = sum(m d) / sum(d d) over pairs of its markers, where d is their
@@ -86,7 +86,7 @@ def write_scaled_osim(run: Recording, generic: Path, folder: Path) -> dict[str, 
     return found
 
 
-def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Factor]:
+def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, BodyScale]:
     """By what each body is scaled; see ``write_scaled_osim``.
 
     Raises:
@@ -116,9 +116,9 @@ def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Fa
     for body, (generic, measured) in found.items():
         ratio = measured / generic
         spread = float(ratio.std(ddof=1)) if len(ratio) > 1 else float("nan")
-        out[body] = Factor(factor=float(measured @ generic / (generic @ generic)), pairs=len(ratio), spread=spread)
+        out[body] = BodyScale(factor=float(measured @ generic / (generic @ generic)), pairs=len(ratio), spread=spread)
     middle = float(np.median([one.factor for one in out.values()]))
-    return {body: out.get(body, Factor(factor=middle, pairs=0, spread=float("nan"))) for body in places}
+    return {body: out.get(body, BodyScale(factor=middle, pairs=0, spread=float("nan"))) for body in places}
 
 
 def _places(model: Any, state: Any) -> Places:

@@ -46,14 +46,14 @@ if TYPE_CHECKING:
 
     from mocap.plots.notebook import Plots
     from mocap.rerun.viewer import Viewer
-    from mocap.results.scaled_osim import Factor
+    from mocap.results.scaled_osim import BodyScale
 
 LIMB = "limb"
 """Frame of reference of a plot: the plane of the limb, its joint at the origin."""
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class JointOverTime:
     """A joint over time: where its child marker is, as its centre sees it (``mocap.joints``).
 
     Attributes:
@@ -119,7 +119,7 @@ class Tracked(Recording):
         return markers_dataset(self) if self.plane is None else plane_dataset(self)
 
     @cached_property
-    def joints(self) -> Mapping[str, Joint]:
+    def joints(self) -> Mapping[str, JointOverTime]:
         """The joints of the skeleton that were tracked; none where no skeleton was given."""
         tracked = self.data["joint"].values.tolist() if "joint" in self.data.coords else []
         return {joint.name: self._joint(joint.name) for joint in self.skeleton.joints if joint.name in tracked}
@@ -137,13 +137,13 @@ class Tracked(Recording):
         self.in_space("moments")
         return moments(self.motion, self.skeleton, steps=self.footfalls, recording=self.name)
 
-    def _joint(self, name: str) -> Joint:
+    def _joint(self, name: str) -> JointOverTime:
         markers = self.tracks
         q_m = {frame: of[name] for frame in FRAMES if (of := self.joints_m(frame))}
         joint = next(j for j in self.skeleton.joints if j.name == name)
         there = np.isfinite(next(iter(q_m.values()))[:, 0])
         three = [markers.names.index(m) for m in (joint.parent, joint.centre, joint.child)]
-        return Joint(
+        return JointOverTime(
             name=name,
             t_s=self.t_s,
             q_m=q_m,
@@ -251,7 +251,7 @@ class Tracked(Recording):
                 write_page(self, self.kinematics, self._cycles, self.footfalls, folder)
         return refused
 
-    def write_scaled_osim(self, generic: str | PathLike[str], folder: Path) -> "dict[str, Factor]":
+    def write_scaled_osim(self, generic: str | PathLike[str], folder: Path) -> "dict[str, BodyScale]":
         """Scale a generic OpenSim model to the animal: ``scaled.osim``, ``scale_factors.csv`` (needs OpenSim).
 
         Returns:

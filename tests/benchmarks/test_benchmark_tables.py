@@ -12,6 +12,7 @@ from benchmarks.arena.judge import Names
 
 PACKAGES = ("gaps.__main__", "arena.__main__", "attack.__main__")
 CONTRACT = (*PACKAGES, "one_camera", "deviations", "importers", "batch", "digitise", "tracker_speed", "single_points")
+CONTRACT += ("mutants", "compare")
 
 
 @pytest.mark.parametrize("name", CONTRACT)

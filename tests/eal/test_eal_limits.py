@@ -151,3 +151,10 @@ def test_the_limit_of_the_curvature_is_met(kernel):
     z = np.random.default_rng(0).normal(size=(30, 2))
     several = fit_potential(z, kernel=kernel(beta=1.7), spectral_filter=Projection(), lam=1e-6)
     assert np.linalg.eigvalsh(several.hessian(z)).max() <= several.curvature_limit * (1 + 1e-6)
+
+
+@pytest.mark.parametrize(("missing", "bound"), [(1e-4, 0.02 / 0.38), (2.6e-3, 1.0)])
+def test_what_is_left_out_of_a_factor_moves_a_projection_by_davis_and_kahan(missing, bound):
+    """By 2 sqrt(missing) over the gap that is left about lambda, where no eigenvalue can cross it; else by anything."""
+    found = fitting.truncation_bound(Projection(), np.array([0.5, 0.1]), 0.2, missing)
+    assert found == pytest.approx(bound)

@@ -11,7 +11,7 @@ from mocap.filters.models.articulated import learn_articulated
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.lagrangian import LAGRANGIAN, LagrangianSettings, inner_mass, with_lagrangian
 from mocap.filters.motion.base import Step
-from mocap.filters.motion.shape import Motion
+from mocap.filters.motion.shape import RecordedMotion
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MATERN_3_2_HALF, MATERN_HALF
 from scipy.linalg import expm
@@ -173,7 +173,7 @@ def test_learned_forces_are_stable_and_dissipate(arm_motion):
     own, rate = linear.subspace.residual_sd, MATERN_3_2_HALF / MATERN_HALF * linear.residual_rate_hz
     alone = replace(linear, subspace=replace(linear.subspace, basis=1e-9 * linear.subspace.basis))
     still = np.random.default_rng(0).normal(size=(3, 400, linear.rank))
-    motion = Motion(z=still[0], rate=still[1], acceleration=still[2], trial=np.zeros(400, dtype=int), dt_s=0.01)
+    motion = RecordedMotion(z=still[0], rate=still[1], acceleration=still[2], trial=np.zeros(400, dtype=int), dt_s=0.01)
     found = with_lagrangian(alone, motion, replace(LAGRANGIAN, potential="none"), ARM, trunk=1.0)
     mass = inner_mass(found.animal.bodies, found.animal.rest_rad)
     np.testing.assert_allclose(np.linalg.solve(mass, found.animal.stiffness), rate**2 * np.eye(len(own)), atol=1e-3)

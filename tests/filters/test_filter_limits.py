@@ -11,7 +11,7 @@ from mocap.filters.bodies import rod, rod_masses
 from mocap.filters.bones import rigid_bones, size_factor
 from mocap.filters.errors import FilterError
 from mocap.filters.first_poses import looks_like
-from mocap.filters.gaussian import Markers, Moments, View, condition
+from mocap.filters.gaussian import Markers, Moments, Update, View, condition, pushed
 from mocap.filters.groups import groups_of
 from mocap.filters.joint_types import joints_of
 from mocap.filters.mixture import Mixture
@@ -374,3 +374,31 @@ def test_a_body_stands_out_at_one_of_a_thousand(monkeypatch, level, bodies):
     monkeypatch.setattr(rigid, "distance_spread", lambda _trial: (spread, np.full((4, 4), 20.0)))
     monkeypatch.setattr(rigid, "wobble_deg", lambda _xyz: 0.0)
     assert rigid.find_bodies(trial_of(np.zeros((5, 4, 3)))) == bodies
+
+
+@pytest.mark.parametrize(("factor", "at_once"), [(6.0e7, True), (7.5e7, False)])
+def test_an_observation_is_taken_at_once_where_half_of_the_digits_are_left(factor, at_once):
+    """Variances fall by 6.7e7 at once, the root of 1 / eps; two parts of the information are the same posterior."""
+    state, rows = Moments(np.zeros(1), np.array([[factor]])), np.array([[1.0]])
+    after, update = condition(state, rows, rows @ state.cov, np.array([2.0]))
+    assert (update.first is None) == at_once
+    assert after.cov[0, 0] == pytest.approx(1.0, rel=1e-6)
+    assert after.mean[0] == pytest.approx(2.0, rel=1e-6)
+    assert update.log_det == pytest.approx(np.log1p(factor) if at_once else update.log_det)
+
+
+@pytest.mark.parametrize(("force", "moves_sd"), [(2.0, 2.0), (4.0, 3.0)])
+def test_forces_move_a_state_no_further_than_they_were_linearised_for(force, moves_sd):
+    """By P b, of a state of unit deviation; at most by three deviations."""
+    none = Update(np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0), 0.0)
+    moved, update = pushed(Moments(np.zeros(1), np.eye(1)), none, np.array([force]), 3.0)
+    assert moved.mean[0] == pytest.approx(moves_sd)
+    assert update.force == pytest.approx([moves_sd])
+
+
+def test_no_length_is_known_better_than_to_half_a_percent():
+    """Two markers that never move, over 2000 frames: the rest is the standard error of 200 independent ones."""
+    xyz = np.zeros((2000, 2, 3))
+    xyz[:, 1, 0] = 2.0
+    found = rigid_bones([trial_of(xyz)])
+    assert found.sd_m[0] == pytest.approx(0.01 * np.sqrt(1 + 1 / 200), rel=1e-3)

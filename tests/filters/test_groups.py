@@ -61,8 +61,8 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     model, seen, truth = bat
     asked = RatePoints(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
     whole = smooth(model, seen, truth.t_s, rate_points=asked)
-    monkeypatch.setattr("mocap.filters.track.MOST", 30)
-    monkeypatch.setattr("mocap.filters.groups.MOST", 34)
+    monkeypatch.setattr("mocap.filters.track.MOST_MARKERS", 30)
+    monkeypatch.setattr("mocap.filters.groups.MOST_MARKERS", 34)
     found = smooth(model, seen, truth.t_s, rate_points=asked)
     assert len(found.observed) == T
     assert sorted(found.observed[0].where[:, 1].tolist()) == list(range(34))
@@ -84,8 +84,8 @@ def test_the_process_noise_is_judged_by_groups(bat, monkeypatch):
     trials = TrialSet([trial], anatomy_of(truth.names, truth.names[:4], ()))
     whole = likely_noise(model, trials)
     sizes = []
-    monkeypatch.setattr("mocap.filters.models.pose.MOST", 30)
-    monkeypatch.setattr("mocap.filters.groups.MOST", 34)
+    monkeypatch.setattr("mocap.filters.models.pose.MOST_MARKERS", 30)
+    monkeypatch.setattr("mocap.filters.groups.MOST_MARKERS", 34)
     monkeypatch.setattr(
         "mocap.filters.models.pose.part_of", lambda of, some: sizes.append(len(some)) or part_of(of, some)
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mocap.filters.motion.shape import LinearShape, Motion, joined, linear_shape
+from mocap.filters.motion.shape import LinearShape, RecordedMotion, joined, linear_shape
 
 RANK, DT_S = 2, 1 / 240
 STIFFNESS = (2 * np.pi * np.array([[8.0, 1.0], [2.0, 5.0]])) ** 2
@@ -69,7 +69,7 @@ def harmonic(amplitude, hz, n_frames=2400):
     t, w = np.arange(n_frames) * DT_S, 2 * np.pi * hz
     z = amplitude * np.sqrt(2) * np.stack([np.sin(w * t)], axis=1)
     rate = amplitude * np.sqrt(2) * w * np.stack([np.cos(w * t)], axis=1)
-    return Motion(z=z, rate=rate, acceleration=-(w**2) * z, trial=np.zeros(n_frames, dtype=np.int64), dt_s=DT_S)
+    return RecordedMotion(z=z, rate=rate, acceleration=-(w**2) * z, trial=np.zeros(n_frames, dtype=np.int64), dt_s=DT_S)
 
 
 def test_what_is_unexplained_drives_what_is_explained():
@@ -77,7 +77,7 @@ def test_what_is_unexplained_drives_what_is_explained():
     motion, w = harmonic(0.02, 4.0), 2 * np.pi * 11.0
     t = np.arange(len(motion.z)) * DT_S
     extra = 5.0 * np.sqrt(2) * np.sin(w * t)[:, None]
-    disturbed = Motion(
+    disturbed = RecordedMotion(
         z=motion.z, rate=motion.rate, acceleration=motion.acceleration + extra, trial=motion.trial, dt_s=DT_S
     )
     found = linear_shape(disturbed, ridge=1e-9).density[0, 0] ** 2

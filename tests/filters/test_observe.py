@@ -1,6 +1,7 @@
 """Conditioning on what a frame shows: three rows a marker are all rows, and Student's t by its formula."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -270,3 +271,13 @@ def test_gross_errors_do_little_to_students_rays():
 
     assert error_mm(gross, 4.0) < 0.1 * error_mm(gross, np.inf)
     assert error_mm(gross, 4.0) < 1.25 * error_mm(clean, np.inf)
+
+
+def test_weights_are_found_in_three_rounds():
+    """Unless it is said otherwise; a fourth changes them by less than the third did."""
+    rng = np.random.default_rng(8)
+    state, sights, view, _ = frame(rng, n_cameras=5, n_markers=3, dof=3.0)
+    weight = [observe(state, sights, view, gate_sd=np.inf, rounds=k)[1].weight for k in range(5)]
+    np.testing.assert_array_equal(observe(state, sights, view, gate_sd=np.inf)[1].weight, weight[3])
+    changes = [np.abs(after - before).max() for before, after in pairwise(weight)]
+    assert 0 < changes[3] < changes[2]

@@ -8,7 +8,17 @@ from scipy import sparse
 from scipy.optimize import least_squares
 
 from mocap.calibration.bundle import _Problem, adjust, minimise
-from mocap.calibration.scene import Free, Lengths, Scene, Sightings, in_world, rig_camera, similarity, turn, upside_down
+from mocap.calibration.scene import (
+    Free,
+    KnownLengths,
+    RigScene,
+    Sightings,
+    in_world,
+    rig_camera,
+    similarity,
+    turn,
+    upside_down,
+)
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients, record
 from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from tests.mocap.board_scenes import BOARD, poses, rig
@@ -27,7 +37,7 @@ def point_scene(rng, cameras, n=12):
     camera, point = np.divmod(np.arange(len(cameras) * n), n)
     uv = np.concatenate([c.record(points) for c in cameras])
     seen = Sightings(camera=camera, body=point, local_m=np.zeros((len(camera), 3)), uv_px=uv)
-    return Scene(cameras=cameras, rotation=np.broadcast_to(np.eye(3), (n, 3, 3)), position_m=points), seen
+    return RigScene(cameras=cameras, rotation=np.broadcast_to(np.eye(3), (n, 3, 3)), position_m=points), seen
 
 
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)
@@ -54,8 +64,10 @@ def test_normal_equations_are_those_of_the_residuals(lens, focal):
         uv_px=np.zeros((len(mixed), 2)),
     )
     rotation, position = np.stack([b[:3, :3] for b in boards]), np.stack([b[:3, 3] for b in boards])
-    scene = Scene(cameras=cameras, rotation=rotation, position_m=position)
-    lengths = Lengths(first=np.array([0, 2]), second=np.array([1, 1]), length_m=np.full(2, 0.3), sd_m=np.full(2, 0.01))
+    scene = RigScene(cameras=cameras, rotation=rotation, position_m=position)
+    lengths = KnownLengths(
+        first=np.array([0, 2]), second=np.array([1, 1]), length_m=np.full(2, 0.3), sd_m=np.full(2, 0.01)
+    )
     free = Free(focal=focal, coefficients=((True,) * lens.n_coefficients,) * 3, orientation=True, fixed=1)
     problem = _Problem(scene, seen, free, lengths)
 
@@ -122,7 +134,7 @@ def test_bundle_finds_the_truth():
     start = replace(scene, cameras=moved, position_m=scene.position_m + rng.normal(0, 0.01, scene.position_m.shape))
     pairs = np.arange(39)
     apart = np.linalg.norm(np.diff(scene.position_m, axis=0), axis=-1)
-    lengths = Lengths(first=pairs, second=pairs + 1, length_m=apart, sd_m=np.full(39, 1e-4))
+    lengths = KnownLengths(first=pairs, second=pairs + 1, length_m=apart, sd_m=np.full(39, 1e-4))
     found = adjust(start, seen, free=Free(focal="none", centre=False, fixed=0), lengths=lengths, robust=None)
     T = similarity(found.scene.position_m, scene.position_m, scaled=False)
     back = found.scene.position_m @ T[:3, :3].T + T[:3, 3]

@@ -7,7 +7,7 @@ import pytest
 from scipy.io import loadmat
 
 from mocap.calibration.dlt import fit_dlt
-from mocap.calibration.refine import Bone, refine_cameras
+from mocap.calibration.refine import KnownDistance, refine_cameras
 from mocap.calibration.scene import in_world, similarity, turn
 from mocap.calibration.wand import calibrate_wand, wand_lengths, wand_score
 from mocap.cameras.camera import project, record, stacked, undistorted
@@ -184,7 +184,7 @@ def test_tracks_mend_cameras_that_were_knocked(with_bone):
     xyz[:, 1] = xyz[:, 0] + 0.25 * step / np.linalg.norm(step, axis=1)[:, None]
     uv = record(true, xyz) + rng.normal(0, 0.3, (4, 100, 3, 2))
     bad = knocked(rng, true)
-    bones = [Bone(first=0, second=1, length_m=0.25)] if with_bone else []
+    bones = [KnownDistance(first=0, second=1, length_m=0.25)] if with_bone else []
     found = refine_cameras(bad, uv, bones=bones)
     assert found.before_px > 3
     assert found.after_px < 0.4

@@ -10,6 +10,7 @@ from mocap.cameras.triangulate import linear, residual_px, robust
 from mocap.cleaning import swap_states, swaps
 from mocap.cleaning.bias import hand_sd, lasting_share, persistent_px
 from mocap.cleaning.camera_health import camera_health
+from mocap.cleaning.clean import stretched
 from mocap.cleaning.click_noise import _most_likely_dof, student_t
 from mocap.cleaning.likelihoods import likelihood_noise
 from mocap.cleaning.swap_states import settle
@@ -427,3 +428,14 @@ def test_degrees_of_freedom_are_drawn_to_four_within_a_factor_of_e_to_the_half(d
 
     expected = np.exp(root_scalar(slope, bracket=(np.log(3.0), np.log(60.0))).root)
     assert _most_likely_dof(np.full(count, distance)) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize(("longer", "wrong"), [(0.23, False), (0.27, True)])
+def test_a_bone_is_stretched_by_a_quarter_of_its_length(longer, wrong):
+    """In one frame of thirty in which nothing else moves."""
+    xyz = np.zeros((30, 2, 3))
+    xyz[:, 1, 0] = 1.0
+    xyz[10, 1, 0] = 1.0 + longer
+    found = stretched(xyz, np.array([[0, 1]]))
+    assert found.any() == wrong
+    assert not np.delete(found, 10, axis=0).any()

@@ -11,7 +11,7 @@ from eal.lagrangian import PenalisedModel
 from eal.systems import planar_pendulum, spherical_pendulum
 from mocap.reproduce import fig_recordings, recordings
 from mocap.reproduce.joint_filter import JointTrack
-from mocap.reproduce.recordings import Seen, Tracked
+from mocap.reproduce.recordings import Seen, TrackedJoint
 
 
 @pytest.mark.parametrize(("kind", "d"), [("planar", 2), ("spherical", 3)])
@@ -54,7 +54,7 @@ def tracked(*, shift=0.0, sd=0.001, strength=1e4):
     bound = recordings.theorem_3(model, q[0], v[0], potential_min_j=-10.3)
     converted = truth + rng.normal(0, 0.004, truth.shape)
     seen = Seen(sights=None, q=converted, truth=truth)
-    return Tracked(name="planar", model=model, seen=seen, track=track, bound=bound, lowest_j=-10.3)
+    return TrackedJoint(name="planar", model=model, seen=seen, track=track, bound=bound, lowest_j=-10.3)
 
 
 def holds(monkeypatch, found):

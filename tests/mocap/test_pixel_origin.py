@@ -9,7 +9,7 @@ from mocap.datasets import make_bat, write_recording
 
 from mocap.audit import stale_points
 from mocap.cameras import origin
-from mocap.cameras.camera import dlt_coefficients, flipped, record
+from mocap.cameras.camera import dlt_coefficients, flipped, may_be_cropped, picture_size, record
 from mocap.cameras.origin import OriginError, PixelOptions, decide_origin
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
@@ -212,3 +212,26 @@ def test_pixels_belong_to_a_calibration_that_they_fit_to_three_percent_and_ten_p
     else:
         with pytest.raises(CalibrationError, match="median triangulation residual"):
             decide_origin(cameras, uv, stated)
+
+
+@pytest.mark.parametrize(("ratio", "clear"), [(1.15, False), (1.25, True)])
+def test_a_corner_is_clear_where_the_other_fits_a_fifth_worse(monkeypatch, ratio, clear):
+    """Of a lens, with which the two corners give different points; two corners in one file do not fit at all."""
+    cameras, _, uv = filmed(True)
+    misses = iter([1.0, 9.0, 9.0, ratio])
+    monkeypatch.setattr(origin, "median_miss", lambda *_: next(misses))
+    monkeypatch.setattr(origin, "find_arrangement", lambda *_, **__: None)
+    if clear:
+        assert decide_origin(cameras, uv, PixelOptions(image_height_px=HEIGHT)).pixels == "upper-left"
+    else:
+        with pytest.raises(OriginError, match="cannot be determined"):
+            decide_origin(cameras, uv, PixelOptions(image_height_px=HEIGHT))
+
+
+@pytest.mark.parametrize(("share", "cropped"), [(0.73, True), (0.77, False)])
+def test_pixels_within_three_quarters_of_the_image_may_be_of_a_window(share, cropped):
+    """In both directions and all cameras."""
+    cameras = filmed(True)[0]
+    size = np.min([picture_size(camera) for camera in cameras], axis=0)
+    uv = np.stack([np.zeros(2), share * size])[None].repeat(len(cameras), axis=0)
+    assert (may_be_cropped(cameras, uv) is not None) == cropped

@@ -277,7 +277,7 @@ def test_clicks_twenty_frames_apart_are_named_one_after_the_other(gap, groups):
 def test_a_texture_is_looked_for_in_ten_frames_more(monkeypatch):
     """After which it is given up, where it is not found."""
     asked = []
-    gone = texture.Followed(uv=np.zeros(2), sd_px=1.0, template=None, before=None)
+    gone = texture.FollowedTexture(uv=np.zeros(2), sd_px=1.0, template=None, before=None)
     monkeypatch.setattr(engine, "begun", lambda *_: gone)
     monkeypatch.setattr(engine, "followed", lambda *_: asked.append(1) or gone)
     click = Click(camera=0, frame=0, marker=0, uv_px=(1.0, 1.0))

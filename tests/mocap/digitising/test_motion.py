@@ -7,7 +7,7 @@ from mocap.digitising import motion
 from mocap.digitising.motion import JERK, State, fused, jerk_density, positioned, predicted
 
 RNG = np.random.default_rng(0)
-STEP = np.kron(motion.STEP, np.eye(3))
+STEP = np.kron(motion.TRANSITION, np.eye(3))
 
 
 def random_state(n):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap.digitising.digitised import digitise
-from mocap.digitising.texture import CLICK_PX, begun, followed
+from mocap.digitising.texture import TEXTURE_CLICK_PX, begun, followed
 from tests.mocap.digitising.filmed import NAMES, textured, video
 
 NOSE, TAIL = NAMES.index("nose"), NAMES.index("tail")
@@ -33,7 +33,7 @@ def test_a_texture_that_turns_is_followed_and_its_drift_is_stated():
         sds.append(point.sd_px)
         templates.add(id(point.template))
     assert len(templates) > 1
-    assert sds[-1] > sds[0] > CLICK_PX
+    assert sds[-1] > sds[0] > TEXTURE_CLICK_PX
 
 
 def test_what_covers_a_texture_ends_it_until_it_is_found_again():

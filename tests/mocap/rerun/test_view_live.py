@@ -17,7 +17,7 @@ from vulkan import need_vulkan
 
 from mocap.records import Status
 from mocap.rerun import palette, paths
-from mocap.rerun.live import LIVE, WAITING, LiveView, Session, live_blueprint, session
+from mocap.rerun.live import LIVE, WAITING, LiveSession, LiveView, live_blueprint, session
 from mocap.rerun.record import run_scene
 from tests.mocap.rerun.headless import Headless
 
@@ -172,7 +172,7 @@ def test_a_viewer_that_was_closed_is_no_error_of_the_run(tmp_path, monkeypatch):
 
     monkeypatch.setattr("mocap.rerun.live.rr.RecordingStream", Closed)
     told = []
-    Session("", told.append).show(tmp_path / "recording.rrd", "a")
+    LiveSession("", told.append).show(tmp_path / "recording.rrd", "a")
     assert told == ["live: the whole recording is not shown: the viewer does not answer (gone)"]
 
 

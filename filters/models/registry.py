@@ -44,13 +44,13 @@ NAMED: dict[str, NamedModel] = {
         ArticulatedSettings(pose=LAGRANGIAN, mechanics="lagrangian"), "Lagrangian",
         "joint angles moved by the forces of the animal's masses", beside=("eal", "articulated"),
     ),
-    "constant_velocity": NamedModel(
-        MarkerSettings(), "constant velocity", "Kalman smoother of each marker alone", posed=False
-    ),
     "smooth_acceleration": NamedModel(
         SmoothSettings(), "smooth acceleration",
         "Kalman smoother of each marker alone, as smooth, quick and noisy as the recording shows", posed=False,
         beside=("constant_velocity",),
+    ),
+    "constant_velocity": NamedModel(
+        MarkerSettings(), "constant velocity", "Kalman smoother of each marker alone", posed=False
     ),
     **ELSEWHERE,
 }  # fmt: skip

@@ -158,7 +158,7 @@ def _filtered(
     cov = np.where(vague[..., None, None], 0.0, cov).reshape(noise.shape)
     mean = np.zeros((len(rates), len(q), n_markers, axes, n))
     turned = chain[:, None].swapaxes(2, 3)
-    known = np.isfinite(y).all(axis=2)
+    known = np.asarray(np.isfinite(y).all(axis=2))
     r = np.where(known, r, np.inf)
     for frame in range(n_frames):
         there = known[frame]

@@ -16,17 +16,19 @@ import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from mocap.datasets.real import folder
 from scipy.interpolate import BSpline, make_smoothing_spline
-from scipy.signal import butter, filtfilt
+from scipy.signal import butter, sosfiltfilt
 
-import mocap
 from eal.arrays import Z95, Array
 from eal.systems import GRAVITY_M_S2
 from mocap.kinematics.records import Rests
+from mocap.pipeline.arrays import from_arrays
+from mocap.results.tracked import track
 
 EDGE = 5
 """Frames at both ends that are not scored."""
@@ -144,8 +146,8 @@ def lowpass(point: Point) -> Callable[[float], Array]:
     whole = np.stack([np.interp(point.t_s, point.t_s[seen], y[seen]) for y in point.xyz_m.T], axis=1)
 
     def acceleration(cutoff_hz: float) -> Array:
-        b, a = butter(2, min(2 * cutoff_hz * dt_s / 0.802, 0.99))  # 0.802: of two passes (Winter 2009)
-        y = filtfilt(b, a, whole, axis=0)
+        both: Any = butter(2, min(2 * cutoff_hz * dt_s / 0.802, 0.99), output="sos")  # of two passes (Winter 2009)
+        y = sosfiltfilt(both, whole, axis=0)
         return np.gradient(np.gradient(y, dt_s, axis=0), dt_s, axis=0)
 
     return acceleration
@@ -178,8 +180,8 @@ def rows(point: Point) -> Iterator[dict[str, object]]:
     for method, error in rivals.items():
         yield dict(recording=point.name, method=method, rms=error, over_quintic=error / other)
     for model in ("auto", "constant_velocity"):
-        source = mocap.from_arrays(point.xyz_m[:, None], names=["p"], fps=1 / dt_s)
-        result = mocap.track(source, model=model, validate=False)
+        source = from_arrays(point.xyz_m[:, None], names=["p"], fps=1 / dt_s)
+        result = track(source, model=model, validate=False)
         parts = [result.kinematics[f"p_acceleration_{axis}_m_s2"] for axis in "xyz"]
         error = point.error(np.stack([part.value for part in parts], axis=1))
         ratio = error / point.deviation(np.stack([part.sd for part in parts], axis=1))
@@ -212,7 +214,8 @@ def main() -> None:
     table = pd.DataFrame([row for point in points for row in rows(point)])
     table.to_csv(given.out / "table.csv", index=False)
     kind = table.recording.str.replace(r" \d+$", "", regex=True).rename("kind")
-    spread = table.groupby([kind, "method"])[["over_quintic", "z", "z_filled"]].quantile([0.1, 0.5, 0.9]).unstack()
+    groups = table.groupby([kind, "method"])[["over_quintic", "z", "z_filled"]]
+    spread = groups.quantile(np.array([0.1, 0.5, 0.9])).unstack()
     spread.to_csv(given.out / "spread.csv")
     print(table.round(3).to_string(index=False))
     print(spread.round(2).to_string())

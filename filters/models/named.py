@@ -36,7 +36,6 @@ OURS: dict[str, NamedModel[None]] = {
     "lagrangian": NamedModel(
         None, "Lagrangian", "joint angles moved by the forces of the animal's masses", beside=("eal", "articulated")
     ),
-    "constant_velocity": NamedModel(None, "constant velocity", "Kalman smoother of each marker alone", posed=False),
     "smooth_acceleration": NamedModel(
         None,
         "smooth acceleration",
@@ -44,6 +43,7 @@ OURS: dict[str, NamedModel[None]] = {
         posed=False,
         beside=("constant_velocity",),
     ),
+    "constant_velocity": NamedModel(None, "constant velocity", "Kalman smoother of each marker alone", posed=False),
 }
 """Those of this program, without their settings."""
 ELSEWHERE: dict[str, NamedModel] = offered("mocap.models", NamedModel)

@@ -18,8 +18,8 @@ _SETTINGS: dict[str, TrajectoryModel] = {
     "eal": PoseSettings(),
     "articulated": ArticulatedSettings(),
     "lagrangian": LagrangianSettings(),
-    "constant_velocity": MarkerSettings(),
     "smooth_acceleration": SmoothSettings(),
+    "constant_velocity": MarkerSettings(),
 }
 NAMED: dict[str, NamedModel[TrajectoryModel]] = {
     **{name: NamedModel(_SETTINGS[name], *one[1:]) for name, one in OURS.items()},

@@ -54,8 +54,9 @@ def track(
     model: Annotated[
         str,
         typer.Option(
-            help="A file of mocap learn, or eal, mixture, articulated, lagrangian, constant_velocity; auto: mixture, "
-            "unless constant velocity fills hidden points better."
+            help="A file of mocap learn, or eal, mixture, articulated, lagrangian, smooth_acceleration, "
+            "constant_velocity; auto: mixture, unless constant velocity fills hidden points better; of one to three "
+            "markers smooth_acceleration."
         ),
     ] = "auto",
     live: Annotated[bool, typer.Option("--live", help="Show frames in the viewer while they are tracked.")] = False,

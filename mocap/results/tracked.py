@@ -411,8 +411,9 @@ def track(
     Args:
         recording: As ``mocap.read`` or ``mocap.from_arrays`` gives it.
         model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``articulated`` (the skeleton's
-            segments and joints), ``lagrangian`` (the same, moved by the forces of its masses), ``constant_velocity``;
-            ``auto``: the mixture, unless constant velocity fills hidden samples of the recording better.
+            segments and joints), ``lagrangian`` (the same, moved by the forces of its masses), or each marker by
+            itself by ``smooth_acceleration`` or ``constant_velocity``; ``auto``: the mixture, unless constant velocity
+            fills hidden samples of the recording better; of one to three markers ``smooth_acceleration``.
         validate: Whether to hide samples and measure how they are filled.
         seed: Which samples are hidden.
         progress: Called with the name of a stage and the share of it that is done; None: bars, where errors go to a

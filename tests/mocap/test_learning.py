@@ -276,7 +276,8 @@ def test_of_very_many_recordings_some_are_kept(monkeypatch):
     [
         (
             "best",
-            "--model best: give auto, mixture, eal, articulated, lagrangian, constant_velocity, or a file that mocap",
+            "--model best: give auto, mixture, eal, articulated, lagrangian, smooth_acceleration, constant_velocity, "
+            "or a file that mocap",
         ),
         ("nowhere.npz", "--model nowhere.npz: there is no such file: give auto"),
         (".", "--model .: is a folder: give auto"),

@@ -6,7 +6,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.plugins import offered
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun.layout import Layout
 from mocap.rerun.tabs import angles, cameras, health, joints, lagrangian, overview, report
 
@@ -15,7 +15,7 @@ from mocap.rerun.tabs import angles, cameras, health, joints, lagrangian, overvi
 class Tab(Protocol):
     """What the file of a tab holds."""
 
-    def log(self, rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+    def log(self, rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
         """Log what the tab shows."""
         ...
 

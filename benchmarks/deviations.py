@@ -43,7 +43,7 @@ from mocap.kinematics.points import rate_points_for
 from mocap.kinematics.records import Rests
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 from mocap.skeleton import Skeleton
 
 ANIMALS = {

@@ -13,9 +13,9 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.score import compared
 
 from mocap.pipeline.demo import Animal, measured_demo
-from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
 from mocap.progress import Stages
+from mocap.recording import Recording
 
 METHODS = ("mixture", "eal", "eal_no_potential", "constant_velocity", "cubic", "linear")
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mocap.pipeline.learning import Model, learn, load_model
     from mocap.pipeline.propose_skeleton import propose_skeleton
     from mocap.pipeline.reading import read
-    from mocap.pipeline.recording import Recording
+    from mocap.recording import Recording
     from mocap.results.joint_comparison import compare_joints
     from mocap.results.many import learn_joints
     from mocap.results.tracked import Tracked, load, track
@@ -69,7 +69,7 @@ _PLACES = {  # the module of each public name
         "mocap.pipeline.learning": "Model learn load_model",
         "mocap.pipeline.propose_skeleton": "propose_skeleton",
         "mocap.pipeline.reading": "read",
-        "mocap.pipeline.recording": "Recording",
+        "mocap.recording": "Recording",
         "mocap.results.joint_comparison": "compare_joints",
         "mocap.results.many": "learn_joints",
         "mocap.results.tracked": "Tracked load track",

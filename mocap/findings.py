@@ -90,7 +90,7 @@ class Kind(StrEnum):
     UNLIKE_SIBLINGS = "unlike the other trials", Harm.ALL
     # noise and intervals
     QUANTISED_PIXELS = "quantised pixels", Harm.INTERVALS
-    PIXEL_NOISE = "pixel noise", Harm.INTERVALS, "pixel_sd"
+    PIXEL_NOISE = "pixel noise", Harm.ALL, "pixel_sd"  # intervals, and what is rejected
     INTERVALS = "intervals", Harm.INTERVALS
     SLOW_ERRORS = "slow errors"
     POSITION_NOISE = "position noise"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import mocap
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 
 FOLDER = "bat_arena_two_digitisers"
 FPS = 800.0

@@ -15,7 +15,7 @@ import tempfile
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -362,8 +362,8 @@ def judged(kind: Kind, folder: Path, change: Callable[[Path], None], shown: str)
 
 def as_text(record: Any) -> str:
     """A record's numbers and names, to be compared."""
-    if hasattr(record, "__dataclass_fields__"):
-        return "(" + ",".join(as_text(getattr(record, f)) for f in record.__dataclass_fields__) + ")"
+    if is_dataclass(record):
+        return "(" + ",".join(as_text(getattr(record, one.name)) for one in fields(record)) + ")"
     if isinstance(record, Mapping):
         return "{" + ",".join(f"{k}:{as_text(v)}" for k, v in record.items()) + "}"
     if isinstance(record, list | tuple):

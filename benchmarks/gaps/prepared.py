@@ -8,7 +8,7 @@ from benchmarks.gaps.method import Film, Trial
 from mocap.cameras.origin import PixelOptions
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.recording import Recording, of_points
+from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton
 

@@ -1,6 +1,6 @@
 """Reference of the variables of a recording, from the table that the code declares."""
 
-from mocap.pipeline.variables import VARIABLES
+from mocap.variables import VARIABLES
 
 HEAD = """# The record
 
@@ -21,8 +21,21 @@ res.data["velocity"].sel(point="wrist_l")  # of the smoothed position
 """
 FOOT = """
 Coordinates: `time` (s), `frame` (as the file counts), `keypoint`, `view`, `reason`, `point`, `joint`, `angle`,
-`segment`, `limb`. Attributes: `fps`, `space_unit`, `format`; since `track` `model` and `y_up` (whether pixel rows count
-upwards). `Tracked.markers` is the part of it that movement has, in movement's layout ([files](files.md)).
+`segment`, `limb`. Attributes: `fps`, `space_unit`, `format`, `y_up` (whether pixel rows count upwards); since `track`
+`model`. `Tracked.markers` is the part of it that movement has, in movement's layout ([files](files.md)).
+
+What no array holds is in parts, each of the step that found it: `rec[Part]`, or a `MocapError` that says before which
+step it is not known. They are cut with the recording, saved and loaded with it, and `rec.findings` is what they tell.
+
+| part | of | holds |
+|---|---|---|
+| `mocap.pipeline.decided.Decided` | `read` | corner of pixel rows, estimated lens, unit and rate |
+| `mocap.pipeline.cleaned.Cleaned` | `clean` | noise, identity switches, bad cameras, jumps, stale points |
+| `mocap.pipeline.model_choice.ModelChoice` | `track` | why this model, and scores of hidden gaps |
+| `mocap.pipeline.potentials.Potentials` | `track` | joint potentials, in planes and in space |
+| `mocap.pipeline.report_part.Report` | `track` | the report, as numbers and text |
+
+`rec.source` is what the user gave: files, calibration, stated unit and noise.
 """
 
 

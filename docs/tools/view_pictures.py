@@ -11,7 +11,7 @@ from PIL import Image
 from mocap.pipeline.demo import Animal, run_demo
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.progress import Stages
 from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
@@ -35,7 +35,7 @@ def take_pictures(folder: Path, *, animal: Animal) -> list[Path]:
     return picture_run(run_demo(animal, stages=Stages()), folder, prefix=animal, frame=frame, tabs=tabs)
 
 
-def picture_run(run: Recording, folder: Path, *, prefix: str, frame: int, tabs: tuple[str, ...] = TABS) -> list[Path]:
+def picture_run(run: Result, folder: Path, *, prefix: str, frame: int, tabs: tuple[str, ...] = TABS) -> list[Path]:
     """Save pictures of tabs of a run at one frame (from 0)."""
     folder.mkdir(parents=True, exist_ok=True)
     out = []

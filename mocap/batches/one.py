@@ -1,6 +1,5 @@
 """One trial of a batch: tracked as ``mocap track`` does, its result and how it went written into its folder."""
 
-from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -12,9 +11,10 @@ from mocap.io.contents import gaps
 from mocap.io.output import result_folder
 from mocap.pipeline.blocks import LONG
 from mocap.pipeline.learning import Model, load_model
-from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
+from mocap.pipeline.report_part import Report
 from mocap.progress import Tell, silent
+from mocap.recording import Recording
 from mocap.records import Status
 from mocap.results.long_result import write_in_blocks
 from mocap.results.tables import write_report
@@ -93,7 +93,7 @@ def _timeless(tracked: Tracked) -> Tracked:
     """The same, without the times that its stages took: a result depends on the trial alone."""
     report = {name: value for name, value in tracked.report.items() if name != "seconds"}
     text = readable(report, title=tracked.name)
-    return replace(tracked, report=report, report_text=text)
+    return tracked.with_part(Report(numbers=report, text=text))
 
 
 def basic_columns(trial: Trial) -> dict[str, object]:

@@ -45,7 +45,7 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import MODELS, existing_model
 from mocap.pipeline.learning import Model, learn_from
 from mocap.pipeline.reading import of_session
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 from mocap.results.cycle_table import CycleTable, stored_table
 from mocap.results.tracked import Tracked, load
 from mocap.schema import Entry, checked

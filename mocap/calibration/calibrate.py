@@ -23,8 +23,9 @@ from mocap.io.csv_table import has_titles, read_table
 from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, read
+from mocap.pipeline.decided import decided
 from mocap.pipeline.ideal_pixels import with_rays, without_lens
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 from mocap.records import PixelTracks
 from mocap.text import plain
 
@@ -318,7 +319,7 @@ def from_tracks(
         "",
         *table(["camera", "moved mm", "turned degrees", "focal length / old one"], rows),
         *(f"- {plain(b)}: {r:.4f} times the stated length" for b, r in zip(bones, found.length_ratio, strict=True)),
-        *(f"- {plain(str(finding))}" for finding in film.readings),
+        *(f"- {plain(str(finding))}" for finding in decided(film).of_pixels),
         "",
         "Coefficients are for the same (undistorted) pixels as before: use the same camera profile with them.",
     ]

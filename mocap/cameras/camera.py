@@ -8,7 +8,7 @@ import numpy as np
 
 from eal.arrays import Array, frozen
 from mocap.cameras.lens import BrownLens, Lens
-from mocap.cameras.triangulate import project
+from mocap.cameras.project import project
 from mocap.errors import CalibrationError
 
 FLATTEST = 1e-10

@@ -13,29 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.cameras.project import project
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Entries of a symmetric 3 x 3 matrix, in the order in which they are stored."""
 MISSES = 5.0
 """Rays that miss each other by more standard deviations are wrong: of normal errors one in 1.7 million, of Student's t
 with four degrees of freedom one in 470."""
-
-
-def project(matrices: Array, xyz_m: Array) -> Array:
-    """Ideal pixels of world points in every camera.
-
-    Args:
-        matrices: (C, 3, 4) projections.
-        xyz_m: (..., 3) points in metres.
-
-    Returns:
-        (C, ..., 2) pixels; NaN where the point is NaN.
-    """
-    # numerator and denominator as one matrix product over all points and cameras
-    flat = xyz_m.reshape(-1, 3)
-    homogeneous = matrices[:, :, :3] @ flat.T + matrices[:, :, 3:]
-    uv = homogeneous[:, :2] / homogeneous[:, 2:]
-    return np.moveaxis(uv, 1, -1).reshape(len(matrices), *xyz_m.shape[:-1], 2)
 
 
 class MatrixFactor(NamedTuple):

@@ -14,7 +14,7 @@ from typer.core import TyperArgument, TyperCommand
 
 if TYPE_CHECKING:
     from mocap.io.format import Hints
-    from mocap.pipeline.recording import Recording
+    from mocap.recording import Recording
 
 PixelOrigin = Literal["upper-left", "lower-left"]
 """Where pixel rows are counted from."""

@@ -15,7 +15,7 @@ from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
 
 if TYPE_CHECKING:
-    from mocap.pipeline.recording import Recording
+    from mocap.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,7 @@ from mocap.findings import Finding, Kind, worst_first
 from mocap.io.manifest import digest, occupied
 from mocap.io.output import result_file, result_folder, taken_over
 from mocap.pipeline.cleaning import audit_points
+from mocap.pipeline.decided import decided
 from mocap.pipeline.edits import read_edits, standing
 from mocap.pipeline.ideal_pixels import with_rays
 from mocap.pipeline.reading import OPTIONS, in_options
@@ -194,9 +195,9 @@ class Desk:
         swap = None
         try:
             recording = trial.recording()
-            found += [*recording.findings, *recording.readings]
+            found += recording.findings
             if recording.pixels is not None and len(recording.cameras) > 1:
-                rows = with_rays(recording).rows
+                rows = decided(with_rays(recording)).rows
                 assert rows is not None  # as two cameras see something
                 found += audit_points(recording)[1]
                 found += audit.audit_filmed(recording.cameras, recording.pixels, recording.ideal_px, rows)

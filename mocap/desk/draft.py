@@ -18,7 +18,7 @@ from mocap.errors import MocapError
 from mocap.io.output import result_file
 from mocap.pipeline.ideal_pixels import of_one_camera
 from mocap.pipeline.propose_skeleton import propose_skeleton
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 from mocap.skeleton import Bone, Joint, Skeleton, mirrored, read_skeleton, skeleton_text, write_skeleton
 from mocap.text import number_of
 

@@ -14,7 +14,8 @@ from mocap.digitising.naming import seen_from
 from mocap.digitising.videos import Videos, open_videos
 from mocap.errors import MocapError
 from mocap.io.movies import FILMS
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.decided import decided
+from mocap.recording import Recording
 
 
 @dataclass(eq=False, kw_only=True)
@@ -45,25 +46,26 @@ class Pictures:
     @cached_property
     def height_px(self) -> float | None:
         """By which rows counted from below are shown from above; None: they are counted from above."""
-        rows = self.raw.rows
+        rows = decided(self.raw).rows
         if rows is None or "lower-left" not in (rows.pixels, rows.coefficients):
             return None
         return rows.height_px or float(self.sizes_px[0][1])
 
     def shown(self, camera: int, uv_px: Array) -> Array:
         """Ideal pixels as the image shows them."""
-        rows, cam = self.raw.rows, self.raw.cameras[camera]
-        if self.raw.lens is not None:
+        how, cam = decided(self.raw), self.raw.cameras[camera]
+        rows = how.rows
+        if how.lens is not None:
             bent = np.broadcast_to(uv_px, (len(self.raw.cameras), *uv_px.shape)).copy()
             for _ in range(4):  # the inverse of ``straight``, whose steps shrink by the lens' slope, 0.1 or less
-                bent += uv_px - self.raw.lens.straight(bent)
+                bent += uv_px - how.lens.straight(bent)
             uv_px = bent[camera]
         uv = flipped(uv_px, self.height_px) if rows is not None and rows.coefficients == "lower-left" else uv_px
         return uv if cam.lens is None else cam.lens.distort(uv)
 
     def upright(self, uv_px: Array) -> Array:
         """Pixels of the file as images show them, or the reverse."""
-        rows = self.raw.rows
+        rows = decided(self.raw).rows
         return flipped(uv_px, self.height_px) if rows is not None and rows.pixels == "lower-left" else uv_px
 
     def picture(self, camera: int, frame: int) -> Any:

@@ -21,10 +21,11 @@ from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, liste
 from mocap.errors import MocapError
 from mocap.pipeline.by_hand import errors_left, with_hand
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.decided import decided
 from mocap.pipeline.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
 from mocap.pipeline.ideal_pixels import of_one_camera, straightened
-from mocap.pipeline.recording import Recording
 from mocap.pipeline.retrack import AROUND, tracked_again
+from mocap.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
 
@@ -166,7 +167,7 @@ class Proof(Pictures):
         shapes, lines = np.full((*clicked.shape[:2], 5), np.nan), [[] for _ in clicked]
         if recording.cameras:
             matrices = stacked(recording.cameras)
-            up = recording.rows is not None and recording.rows.coefficients == "lower-left"
+            up = recording.y_up
             shapes = ellipses(matrices, markers.xyz_m[frame], markers.cov_m2[frame], self.shown, y_up=up)
             first = max(0, frame - AROUND)  # cameras that run late are read between their frames
             near = recording.at(slice(first, frame + AROUND))
@@ -188,7 +189,7 @@ class Proof(Pictures):
     @cached_property
     def _measured(self) -> Array:
         """(T, M, 3) what the files say, believed or not."""
-        if self.raw.rows is None:
+        if decided(self.raw).rows is None:
             return np.full_like(self.tracks.xyz_m, np.nan) if self.raw.points is None else self.raw.xyz_m
         return linear(stacked(self.raw.cameras), self.raw.ideal_px)
 
@@ -289,7 +290,7 @@ class Proof(Pictures):
         named = (self.result.repaired == 1) & ~changed
         recording, cleaned, moved = self.recording, None, np.zeros(changed.shape, dtype=bool)
         alone = bool(recording.cameras) and of_one_camera(self.raw)
-        if self.raw.rows is not None and not alone:
+        if decided(self.raw).rows is not None and not alone:
             bare, left = self._cleaned
             cleaned = with_hand(bare, recording, left=left)
             moved = (cleaned.xyz_m != bare.xyz_m).any(axis=-1)
@@ -449,6 +450,6 @@ def open_proof(name: str, recording: Recording, result: Tracked, log: Path, *, a
     found = read_log(log) if log.is_file() else Log(name=log.name, edits=[])
     found.checked(recording, anyway=anyway)
     pictures = pictures_of(recording)
-    solves = pictures.raw.rows is not None and not of_one_camera(pictures.raw)
+    solves = decided(pictures.raw).rows is not None and not of_one_camera(pictures.raw)
     ahead = ThreadPoolExecutor(1).submit(_cleaned, pictures.raw) if solves else None
     return Proof(name=name, **vars(pictures), result=result, log=log, edits=found.edits, ahead=ahead)

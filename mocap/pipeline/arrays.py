@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eal.arrays import Array, unique
+from mocap.calls import check_stated
 from mocap.cameras.camera import Camera, dlt_camera, scaled
 from mocap.cameras.origin import PixelCorner, PixelOptions
 from mocap.errors import CalibrationError, FormatError, NoRateError
@@ -20,8 +21,8 @@ from mocap.io.lines import even_times, metres
 from mocap.io.movement import of_dataset
 from mocap.io.plausible import MOST_LIKELY, plausible
 from mocap.pipeline.ideal_pixels import with_ideal_pixels
-from mocap.pipeline.reading import animal, calibration_of, check_rig, complete
-from mocap.pipeline.recording import Recording, dataset_of
+from mocap.pipeline.reading import animal, calibration_of, check_rig, complete, dataset_of
+from mocap.recording import Recording, Source
 from mocap.skeleton import Skeleton
 from mocap.text import unfit
 
@@ -123,7 +124,8 @@ def from_pixels(
         fit_lens=fit_lens,
     )
     found = _recording(contents, rig, readings, name=name, fps=fps, unit=None, skeleton=skeleton)
-    return with_ideal_pixels(replace(found, pixel_sd=pixel_sd), options)
+    check_stated("pixel_sd", pixel_sd)
+    return with_ideal_pixels(replace(found, source=replace(found.source, pixel_sd=pixel_sd)), options)
 
 
 def _recording(
@@ -150,19 +152,15 @@ def _recording(
     for what, one in called:
         if trouble := unfit(one):
             raise FormatError(f"{name}: the name of a {what}, {one!r}, {trouble}: rename it")
-    contents, findings = complete(plausible(contents), where=name, fps=fps, unit=unit)
+    contents, how = complete(plausible(contents), where=name, fps=fps, unit=unit)
     animal_skeleton, names = animal(skeleton, contents.names)
     return Recording(
         name=name,
         data=dataset_of(contents.renamed(names)),
         skeleton=animal_skeleton,
         cameras=cameras,
-        calibration="`cameras`" if cameras else None,
-        findings=findings,
-        readings=readings,
-        unusual=contents.remarks,
-        unit=unit,
-    )
+        source=Source(calibration="`cameras`" if cameras else None, unit=unit, unusual=contents.remarks),
+    ).with_part(replace(how, of_pixels=readings))
 
 
 def _contents(given: Any, argument: str, name: str, names: Sequence[str] | None, fps: float | None) -> FileContents:

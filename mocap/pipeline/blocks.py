@@ -19,13 +19,16 @@ from mocap.filters.model import LearnedModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.score import Score
 from mocap.io.tables_long import LongTable
+from mocap.pipeline.cleaned import Cleaned
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.decided import decided
 from mocap.pipeline.job import track_part
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.reading import animal
-from mocap.pipeline.recording import Recording, dataset, of_points
+from mocap.pipeline.result import Result, rate_points
 from mocap.pipeline.tracking import each_alone, motion_of, of_tracks, seen_part, why_no_pose
 from mocap.progress import Stages
+from mocap.recording import Recording, Source, dataset, of_points
 from mocap.records import Status, marker_tracks
 from mocap.text import as_text
 
@@ -90,9 +93,10 @@ class OnDisk(Recording):
         skeleton, names = animal(skeleton_file, table.names)
         data = dataset(names, table.t_s)
         inputs = (path,) if skeleton_file is None else (path, skeleton_file)
-        return cls(name=as_text(path.stem), data=data, skeleton=skeleton, file=path, inputs=inputs, table=table)
+        source = Source(file=path, inputs=inputs)
+        return cls(name=as_text(path.stem), data=data, skeleton=skeleton, source=source, table=table)
 
-    def at(self, frames: slice) -> Recording:
+    def at(self, frames: slice) -> Recording:  # type: ignore[override]
         """Some of its frames, in memory."""
         found, _ = self.table.read(frames)
         xyz = np.where((found.status == Status.MEASURED)[..., None], found.xyz_m, np.nan)
@@ -142,7 +146,7 @@ def track_block(
     excerpts: bool = False,
     validated: bool = False,
     seed: int = 0,
-) -> tuple[Recording, Recording, slice, Mapping[str, Score]]:
+) -> tuple[Result, Recording, slice, Mapping[str, Score]]:
     """Track one block with its margins, as ``run_job`` tracks a recording; where no pose is shown, each marker alone.
 
     Args:
@@ -164,14 +168,15 @@ def track_block(
     before, after = margin(seen[: core.start - first][::-1], dt_s), margin(seen[core.stop - first :], dt_s)
     start = core.start - before - first
     own = slice(before, before + len(core))
-    part = replace(around.at(slice(start, start + own.stop + after)), findings=(), readings=(), stored=None)
+    part = around.at(slice(start, start + own.stop + after))
+    part = part.with_part(replace(decided(part), assumed_unit=None, of_pixels=(), of_files=(), beside=None))
     seen = seen[start : start + own.stop + after]
     cleaned = clean(part, first=first + start) if seen.any() else part
     if not cleaned.cleaned or not np.isfinite(cleaned.xyz_m[..., 0]).any():
         nowhere = marker_tracks(part.names, part.t_s, np.full((*seen.shape[-2:], 3), np.nan))
         empty = of_tracks(nowhere, part.skeleton, name=part.name, model=model)
-        empty = empty.with_motion(motion_of(nowhere, slice(0, 0), None, part.rate_points))
-        return empty, replace(empty, findings=cleaned.findings), own, {}
+        empty = empty.with_motion(motion_of(nowhere, slice(0, 0), None, rate_points(part)))
+        return empty, empty.with_part(Cleaned(told=cleaned.findings)), own, {}
     posed = why_no_pose(seen_part(cleaned)) is None
     if not posed and NAMED[model].posed:
         model = each_alone(seen_part(cleaned))

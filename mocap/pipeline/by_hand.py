@@ -10,15 +10,15 @@ from mocap.cameras import triangulate
 from mocap.cleaning.bias import carried, hand_sd, share_left
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.pipeline import sentences
+from mocap.pipeline.cleaned import Cleaned, written
 from mocap.pipeline.ideal_pixels import without_hand, without_lens
-from mocap.pipeline.recording import Recording
-from mocap.records import Status
+from mocap.recording import Recording
 
 
 def errors_left(recording: Recording) -> float:
     """Share of a ray's error that lasts which is left a frame later, of a recording that was cleaned."""
     believed = np.where(np.isfinite(recording.uv_px), recording.ideal_px, np.nan)  # with slow errors not taken out
-    relative = recording.ray_scale_px / recording.jitter_px
+    relative = recording.ray_scale_px / recording[Cleaned].jitter_px
     return share_left(recording.matrices, believed, recording.xyz_m, relative=relative)
 
 
@@ -41,7 +41,7 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
     there = placed.any(axis=0)
     if not there.any():
         return recording
-    matrices, uv, usual = recording.matrices, recording.uv_px, recording.jitter_px
+    matrices, uv, usual = recording.matrices, recording.uv_px, recording[Cleaned].jitter_px
     sd, apart = hand_sd(matrices, hand[:, there], usual_px=usual)
     left = errors_left(recording) if left is None else left
     raw = np.where(np.isfinite(uv), recording.ideal_px, np.nan)
@@ -57,28 +57,26 @@ def with_hand(recording: Recording, edited: Recording, *, left: float | None = N
         matrices, uv[:, None, there], sd_px=sd, relative=ray_sd[:, None, there] / sd, certain=placed[:, None, there]
     )
     uv[:, there] = np.where(found.rejected[:, 0, :, None], np.nan, uv[:, there])
-    xyz, cov, status = (np.array(a) for a in (recording.xyz_m, recording.cov_m2, recording.data["status"].values))
+    xyz, cov = np.array(recording.xyz_m), np.array(recording.cov_m2)
     xyz[there], cov[there] = found.xyz_m[0], found.cov_m2[0]
     xyz[moved], cov[moved] = triangulate.refine(matrices, uv[:, moved], xyz[moved], sd_px=ray_sd[:, moved])
-    status[there] = np.where(np.isfinite(found.xyz_m[0, :, 0]), Status.MEASURED, Status.MISSING)
     rays_rejected = recording.rays_rejected & ~placed
     rays_rejected[:, there] |= found.rejected[:, 0]
-    done = recording.having(
+    found_out = recording[Cleaned]
+    told = sentences.hand_findings(np.argwhere(there)[apart], recording.names, first=first)
+    return written(
+        recording,
+        replace(found_out, told=(*found_out.told, *told)),
         believed=uv,
         ray_sd=ray_sd,
         ray_scale=ray_scale,
         position=xyz,
         covariance=cov,
-        status=status,
         by_hand=placed,
         edited=edited.edited,
         pixels=edited.data["pixels"].values,
         ray_rejected=rays_rejected,
         rejected={reason: mask & ~there for reason, mask in recording.rejected.items()},
-    )
-    return replace(
-        done,
-        findings=(*done.findings, *sentences.hand_findings(np.argwhere(there)[apart], recording.names, first=first)),
     )
 
 
@@ -96,7 +94,7 @@ def _placed(recording: Recording, edited: Recording) -> Array:
             out[c], own[c] = (_moved(pixels[c], round(float(late[c]))) for pixels in (out, own))
             finite = np.isfinite(in_step[c] - own[c])
             out[c] += np.where(finite, in_step[c] - own[c], 0.0)
-    for bad in recording.bad_cameras:
+    for bad in recording[Cleaned].bad_cameras:
         if bad.moved:
             out[bad.camera, bad.start : bad.stop] -= bad.offset_px
     return out

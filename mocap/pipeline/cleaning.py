@@ -17,16 +17,18 @@ from mocap.cleaning.clean import position_sd
 from mocap.cleaning.click_noise import LEAST_PX, click_noise, student_t
 from mocap.cleaning.likelihoods import weighed_clicks
 from mocap.cleaning.swap_states import names_put_right
-from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, exchanged_samples, without_edited
+from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
 from mocap.io.deeplabcut import LEAST_LIKELIHOOD
 from mocap.pipeline import sentences
 from mocap.pipeline.by_hand import with_hand
+from mocap.pipeline.cleaned import Cleaned, written
+from mocap.pipeline.decided import decided
 from mocap.pipeline.ideal_pixels import with_rays, without_hand
-from mocap.pipeline.recording import Recording, as_recording
-from mocap.records import Plane, Status
+from mocap.recording import Recording, as_recording
+from mocap.records import Status
 from mocap.skeleton import Measures, Skeleton
 
 
@@ -35,7 +37,7 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
 
     Pixels are undistorted and triangulated, exchanged names put right, jumps and rays that miss rejected, slowly
     varying errors taken out, the noise of each camera, marker and click estimated. ``data`` then has the variables
-    that ``mocap.pipeline.variables`` declares since ``clean``, ``status`` says which samples were rejected,
+    that ``mocap.variables`` declares since ``clean``, ``status`` says which samples were rejected,
     ``findings`` what was found. ``mocap.track`` does this itself with what is not cleaned.
 
     Args:
@@ -49,31 +51,29 @@ def clean(recording: Recording, *, first: int = 0) -> Recording:
     if recording.cleaned:
         return recording
     if recording.planar or not recording.filmed:
-        found = _in_plane(recording) if recording.planar else recording
+        found, told = _in_plane(recording) if recording.planar else (recording, ())
         if found.points is None:
             raise FormatError(
                 f"{recording.where}: contains no tracks ({recording.format}): give a file of pixels or positions"
             )
         if not found.points.seen.any():
             raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
-        done = _positions(found, first)
-    else:
-        done = _film(without_hand(with_rays(recording)), first)
-        done = with_hand(done, recording, first=first)
-    exchanged = np.any(list(exchanged_samples(done.xyz_m.shape[:2], done.swaps).values()), axis=0)
-    return done.having(repaired=np.where(done.edited, 2, exchanged).astype(np.int8))
+        return _positions(found, told, first)
+    return with_hand(_film(without_hand(with_rays(recording)), first), recording, first=first)
 
 
 def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
-    beside, pixels = recording.stored, recording.pixels
-    if beside is None or pixels is None or recording.rows is None:
+    how, pixels = decided(recording), recording.pixels
+    rows, beside = how.rows, how.beside
+    if beside is None or pixels is None or rows is None:
         return None, []
     where = beside.paths[0].name
-    stored = (beside if recording.unit is None else beside.with_unit(recording.unit)).points
+    told = how.unit_from == "stated" or (how.unit_from == "assumed" and how.unit != "m")
+    stored = (beside.with_unit(how.unit) if told and how.unit else beside).points
     if stored is None:
         return None, [sentences.stored_points(f"{where} was not compared: it contains no positions ({beside.format})")]
-    ideal = recording.rows.ideal(recording.cameras, pixels.uv_px, iterations=3)
+    ideal = rows.ideal(recording.cameras, pixels.uv_px, iterations=3)
     if not stored.seen.any():
         return None, []
     xyz = triangulate.linear(recording.matrices, ideal)
@@ -87,29 +87,28 @@ def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | N
     return tuple(stale), [sentences.compared_points(where, stale, int(stored.seen.sum()))]
 
 
-def _in_plane(recording: Recording) -> Recording:
-    """One video without a calibration: positions in its image, in the axes of the file; third coordinates are 0."""
+def _in_plane(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
+    """One video without a calibration: positions in its image, in the axes of the file; third coordinates are 0.
+
+    And how it was read.
+    """
     pixels, likelihood, own = recording.pixels, recording.score, recording.skeleton
     assert pixels is not None
-    plane, uv, unlikely = Plane(mm_per_px=recording.mm_per_px), pixels.uv_px[0], np.zeros_like(pixels.seen[0])
+    assert recording.plane is not None
+    plane, uv, unlikely = recording.plane, pixels.uv_px[0], np.zeros_like(pixels.seen[0])
     if likelihood is not None and likelihood.shape == pixels.seen.shape:
         # without a second camera nothing tells what a likelihood is worth
         unlikely = pixels.seen[0] & (likelihood[0] < LEAST_LIKELIHOOD)
         uv = np.where(unlikely[..., None], np.nan, uv)
     flat = np.where(np.isfinite(uv[..., :1]), 0.0, np.nan)
     xyz = plane.unit_m * np.concatenate([uv, flat], axis=-1)
-    found = recording.having(position=xyz, covariance=np.full((*xyz.shape, 3), np.nan), status=_status(xyz, ()))
+    status = np.where(np.isfinite(xyz[..., 0]), Status.MEASURED, Status.MISSING).astype(np.int8)
+    found = recording.having(position=xyz, covariance=np.full((*xyz.shape, 3), np.nan), status=status)
     measures = bool(own.bones or own.joints or own.measures != Measures())
     how, *unused = sentences.in_plane(plane, measures=measures)
     findings = how, *sentences.unlikely_clicks(unlikely, pixels.seen, LEAST_LIKELIHOOD), *unused
     skeleton = replace(own, bones=(), joints=(), measures=Measures())
-    return replace(found, skeleton=skeleton, plane=plane, findings=(*recording.findings, *findings))
-
-
-def _status(xyz_m: Array, rejected: Sequence[NDArray[np.bool_]]) -> NDArray[np.int8]:
-    """(T, M) measured, rejected or missing."""
-    gone = np.where(np.any(list(rejected), axis=0), Status.REJECTED, Status.MISSING)
-    return np.where(np.isfinite(xyz_m[..., 0]), Status.MEASURED, gone).astype(np.int8)
+    return replace(found, skeleton=skeleton), findings
 
 
 def _film(recording: Recording, first: int) -> Recording:
@@ -120,7 +119,8 @@ def _film(recording: Recording, first: int) -> Recording:
     """
     film, skeleton, names, t_s, pixels = recording, recording.skeleton, recording.names, recording.t_s, recording.pixels
     assert pixels is not None  # they were undistorted
-    rows = film.rows
+    how, pixel_sd = decided(film), film.source.pixel_sd
+    rows = how.rows
     assert rows is not None  # so that this was decided
     stale, findings = audit_points(film)
     matrices, ideal = film.matrices, film.ideal_px
@@ -128,7 +128,7 @@ def _film(recording: Recording, first: int) -> Recording:
     ideal = np.where(unlikely[..., None], np.nan, ideal)
     health = camera_health(matrices, ideal)
     ideal, worse = shifted_back(ideal, health), health.factor[..., None] * relative
-    found = triangulate.robust(matrices, ideal, least_px=film.pixel_sd, relative=worse)
+    found = triangulate.robust(matrices, ideal, least_px=pixel_sd, relative=worse)
     shown = found.shown_px
     ideal, found, swaps, doubtful, ambiguous, worse = names_put_right(
         matrices, ideal, found, bones=_rigid(skeleton, names), edited=film.edited, relative=worse
@@ -144,7 +144,7 @@ def _film(recording: Recording, first: int) -> Recording:
         )
     lasting = persistent_px(matrices, uv, found.xyz_m, relative=worse)
     audited = audit.audited(
-        film.cameras, pixels, ideal, rows, named_px=film.ideal_px, lens_known=film.lens is not None, first=first
+        film.cameras, pixels, ideal, rows, named_px=film.ideal_px, lens_known=how.lens is not None, first=first
     )
     lens_cov, far_mm = _lens_uncertainty(film, audited.lens, uv)
     lens = [] if far_mm is None else [sentences.lens_left(far_mm)]
@@ -154,7 +154,6 @@ def _film(recording: Recording, first: int) -> Recording:
     start = triangulate.linear(matrices, uv, relative=worse)
     noise = click_noise(matrices, uv, start, relative=worse)
     xyz, cov, ray_sd, ray_scale = student_t(matrices, uv, start, sd_px=bias.jitter_px, relative=worse, noise=noise)
-    pixel_sd = film.pixel_sd
     ratio = 1.0 if pixel_sd is None else pixel_sd / bias.jitter_px
     pointless = np.isnan(found.xyz_m[..., 0])
     lost = found.rejected.any(axis=0) & pointless
@@ -164,25 +163,7 @@ def _film(recording: Recording, first: int) -> Recording:
     cameras, clicks = [c.name for c in film.cameras], int(ambiguous.sum())
     rejected = {"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected}
     with_lens = {} if lens_cov is None else {"lens_covariance": lens_cov}
-    done = film.having(
-        rejected=rejected,
-        position=xyz,
-        covariance=cov * ratio**2,
-        status=_status(xyz, list(rejected.values())),
-        ideal=ideal,
-        believed=uv,
-        ray_sd=ray_sd * ratio,
-        ray_scale=ray_scale * ratio,
-        ray_rejected=found.rejected | unlikely | ambiguous,
-        residual=found.residual_px,
-        most_speed=cleaning.max_speed_m_s,
-        persistent=lasting,
-        camera_factor=health.factor,
-        **with_lens,
-    )
-    return replace(
-        done,
-        cleaned=True,
+    found_out = Cleaned(
         jitter_px=pixel_sd or bias.jitter_px,
         bias_px=bias.sd_px,
         stated_over_shown=ratio,
@@ -191,12 +172,10 @@ def _film(recording: Recording, first: int) -> Recording:
         swaps=swaps,
         stale=stale,
         jumps=audited.jumps,
+        lens=audited.lens,
         audited=audited.findings,
-        readings=(),
-        findings=(
+        told=(
             *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
-            *film.readings,
-            *film.findings,
             *(f for f in audited.findings if f.asks),
             *lens,
             *sentences.late_cameras(cameras, film.late_frames),
@@ -210,6 +189,23 @@ def _film(recording: Recording, first: int) -> Recording:
             *sentences.rejected("rays_miss", lost),
             *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
         ),
+    )
+    return written(
+        film.with_part(replace(how, beside=None)),
+        found_out,
+        rejected=rejected,
+        position=xyz,
+        covariance=cov * ratio**2,
+        ideal=ideal,
+        believed=uv,
+        ray_sd=ray_sd * ratio,
+        ray_scale=ray_scale * ratio,
+        ray_rejected=found.rejected | unlikely | ambiguous,
+        residual=found.residual_px,
+        most_speed=cleaning.max_speed_m_s,
+        persistent=lasting,
+        camera_factor=health.factor,
+        **with_lens,
     )
 
 
@@ -226,10 +222,11 @@ def _lens_uncertainty(
         hidden: A lens that no file states, and nobody estimated; None: there is none.
         uv_px: (C, T, M, 2) believed ideal pixels.
     """
-    if film.lens is not None:
-        each = zip(film.lens.lenses, film.lens.k1, uv_px, strict=True)
-        bent = np.stack([replace(lens, k=(float(k1), 0.0, 0.0)).distort(uv) for lens, k1, uv in each])  # as before it
-        return lens_covariance(film.cameras, film.lens, bent), None
+    lens = decided(film).lens
+    if lens is not None:
+        each = zip(lens.lenses, lens.k1, uv_px, strict=True)
+        bent = np.stack([replace(one, k=(float(k1), 0.0, 0.0)).distort(uv) for one, k1, uv in each])  # as before it
+        return lens_covariance(film.cameras, lens, bent), None
     if hidden is None:
         return None, None
     moved = moved_by_lens(film.cameras, uv_px, hidden.k1)
@@ -238,8 +235,8 @@ def _lens_uncertainty(
     return (moved[..., :, None] * moved[..., None, :], far) if len(far) else (None, None)
 
 
-def _positions(recording: Recording, first: int) -> Recording:
-    """Positions, of which the noise is estimated where no covariance states it."""
+def _positions(recording: Recording, told: Sequence[Finding], first: int) -> Recording:
+    """Positions, of which the noise is estimated where no covariance states it; ``told``: how they were read."""
     tracks, names, plane, skeleton = recording.tracks, recording.names, recording.plane, recording.skeleton
     sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks.xyz_m)), 1e-6)  # whatever a file says
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
@@ -255,22 +252,12 @@ def _positions(recording: Recording, first: int) -> Recording:
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     nowhere = np.zeros(xyz.shape[:2], dtype=bool)
     rejected = {"rays_miss": nowhere, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected}
-    done = recording.having(
-        rejected=rejected,
-        position=xyz,
-        covariance=np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3),
-        status=_status(xyz, list(rejected.values())),
-        most_speed=cleaning.max_speed_m_s,
-    )
-    return replace(
-        done,
-        cleaned=True,
-        cameras=(),
+    found = Cleaned(
         swaps=tuple(swaps),
         jumps=jumped,
         audited=jumps,
-        findings=(
-            *recording.findings,
+        told=(
+            *told,
             *odd,
             sentences.position_noise(sd[tracks.seen], plane),
             *jumps,
@@ -279,6 +266,14 @@ def _positions(recording: Recording, first: int) -> Recording:
             *sentences.never_seen(xyz, names, plane),
             *sentences.never_together(xyz),
         ),
+    )
+    return written(
+        replace(recording, cameras=()),
+        found,
+        rejected=rejected,
+        position=xyz,
+        covariance=np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3),
+        most_speed=cleaning.max_speed_m_s,
     )
 
 

@@ -1,6 +1,5 @@
 """The demo: the main job on a built-in recording, measured against its truth."""
 
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -15,22 +14,24 @@ from mocap.filters.models.registry import NAMED
 from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
-from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
+from mocap.pipeline.report_part import Report
+from mocap.pipeline.result import Result
 from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
 from mocap.progress import Stages
+from mocap.recording import Recording
 
 Animal = Literal["bat", "lizard"]
 
 
-def run_demo(animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None) -> Recording:
+def run_demo(animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None) -> Result:
     """The run alone; see ``measured_demo``."""
     return measured_demo(animal, stages=stages, seed=seed, n_frames=n_frames)[0]
 
 
 def measured_demo(
     animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None
-) -> tuple[Recording, Recording, Array]:
+) -> tuple[Result, Recording, Array]:
     """Make the recording, write it as DLTdv files, run the main job on those files, and compare with the truth.
 
     The report's ``gaps`` holds the error inside the recording's own gaps for the tracker and for what people use today,
@@ -87,4 +88,4 @@ def measured_demo(
         "measured": measured,
         "seconds": {**stages.seconds, "total": sum(stages.seconds.values())},
     }
-    return replace(run, report=report, report_text=readable(report, title=f"Demo: {animal}")), prepared, truth
+    return run.with_part(Report(numbers=report, text=readable(report, title=f"Demo: {animal}"))), prepared, truth

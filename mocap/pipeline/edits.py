@@ -20,8 +20,9 @@ from eal.arrays import Array
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
 from mocap.findings import Finding, Kind
+from mocap.pipeline.decided import decided
 from mocap.pipeline.ideal_pixels import straightened, without_hand, without_lens
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 from mocap.records import Status
 from mocap.text import number_of
 
@@ -385,7 +386,7 @@ def edited(recording: Recording, edits: Sequence[Edit], *, where: str = "edits",
 
 def _with_ideal(recording: Recording, mask: NDArray[np.bool_]) -> Recording:
     """The recording with ideal pixels of samples that were changed, where these were decided before."""
-    if recording.rows is None:
+    if decided(recording).rows is None:
         return recording
     own, ideal = without_hand(recording), np.array(recording.ideal_px)
     pixels = own.data["pixels"].values

@@ -15,7 +15,8 @@ from mocap.errors import CalibrationError, FormatError
 from mocap.io.lines import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
-from mocap.pipeline.recording import Recording, dataset
+from mocap.pipeline.decided import decided
+from mocap.recording import Recording, Source, dataset
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
 
@@ -46,13 +47,15 @@ def with_ideal_pixels(recording: Recording, options: PixelOptions) -> Recording:
     if alone:
         return _alone(recording, options)
     own = without_hand(recording)
-    found, findings = _together(own, options), ()
-    if (recording.unit or recording.data.attrs.get("space_unit")) is None:
-        unit, findings = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
+    found = _together(own, options)
+    if (recording.source.unit or recording.data.attrs.get("space_unit")) is None:
+        unit, assumed = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
         if unit != "m":
-            found = _together(replace(own, unit=unit, cameras=scaled(own.cameras, UNIT_M[unit])), options)
-    found = found.having(pixels=recording.data["pixels"].values) if own is not recording else found
-    return replace(found, readings=(*findings, *found.readings))
+            found = _together(replace(own, cameras=scaled(own.cameras, UNIT_M[unit])), options)
+        if assumed:
+            how = replace(decided(found), unit=unit, unit_from="assumed", assumed_unit=assumed[0])
+            found = replace(found, data=found.data.assign_attrs(space_unit=unit)).with_part(how)
+    return found.having(pixels=recording.data["pixels"].values) if own is not recording else found
 
 
 def of_pixels(
@@ -74,11 +77,12 @@ def of_pixels(
         name: Of the recording.
         score: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
         options: What is stated of the pixels.
-        **stated: Other fields of ``Recording``.
+        **stated: Fields of ``Source``.
     """
     animal = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
     data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
-    made = Recording(name=name, data=data, skeleton=animal, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
+    source = Source(**stated)  # type: ignore[arg-type]
+    made = Recording(name=name, data=data, skeleton=animal, cameras=tuple(cameras), source=source)
     return with_ideal_pixels(made, options)
 
 
@@ -137,9 +141,10 @@ def without_lens(recording: Recording, uv_px: Array, *, iterations: int | None =
         uv_px: (C, ..., 2) pixels.
         iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
     """
-    assert recording.rows is not None
-    ideal = recording.rows.ideal(recording.cameras, uv_px, iterations=iterations)
-    return ideal if recording.lens is None else recording.lens.straight(ideal)
+    how = decided(recording)
+    assert how.rows is not None
+    ideal = how.rows.ideal(recording.cameras, uv_px, iterations=iterations)
+    return ideal if how.lens is None else how.lens.straight(ideal)
 
 
 def straightened(recording: Recording, uv_px: Array) -> Array:
@@ -151,9 +156,17 @@ def straightened(recording: Recording, uv_px: Array) -> Array:
 def _alone(recording: Recording, options: PixelOptions) -> Recording:
     """Where pixels are counted from is stated or taken as usual: nothing can tell from one camera."""
     rows = origin_alone(recording.cameras, options)
-    film = replace(recording.having(ideal=rows.ideal(recording.cameras, recording.data["pixels"].values)), rows=rows)
+    ideal = rows.ideal(recording.cameras, recording.data["pixels"].values)
     known = options.origin or options.usual or all(camera.lens is None for camera in recording.cameras)
-    return film if known else replace(film, readings=(*film.readings, sentences.unknown_corner(rows.pixels)))
+    how = decided(recording)
+    told = () if known else (sentences.unknown_corner(rows.pixels),)
+    film = _counted(recording.having(ideal=ideal), rows)
+    return film.with_part(replace(how, rows=rows, of_pixels=(*how.of_pixels, *told)))
+
+
+def _counted(recording: Recording, rows: PixelOrigin) -> Recording:
+    """The recording, which knows whether the rows of its ideal pixels run up."""
+    return replace(recording, data=recording.data.assign_attrs(y_up=int(rows.coefficients == "lower-left")))
 
 
 def _together(recording: Recording, options: PixelOptions) -> Recording:
@@ -163,7 +176,8 @@ def _together(recording: Recording, options: PixelOptions) -> Recording:
     except CalibrationError as error:
         error.args = (f"{recording.where}: {error}",)
         raise
-    ideal, findings, lens, late = rows.ideal(cameras, uv_px), recording.readings, None, None
+    how = decided(recording)
+    ideal, findings, lens, late = rows.ideal(cameras, uv_px), how.of_pixels, None, None
     if options.fit_lens:
         if any(c.lens is not None for c in cameras):
             raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
@@ -174,7 +188,8 @@ def _together(recording: Recording, options: PixelOptions) -> Recording:
         late = audit.late_cameras(lags)
         ideal = audit.in_step(ideal, late)
     found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
-    return replace(found, rows=rows, lens=lens, readings=(*findings, audit.origin_finding(rows)))
+    told = (*findings, audit.origin_finding(rows))
+    return _counted(found, rows).with_part(replace(how, rows=rows, lens=lens, of_pixels=told))
 
 
 def _decided_apart(uv_px: Array, cameras: Sequence[Camera], options: PixelOptions) -> PixelOrigin:

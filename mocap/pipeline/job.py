@@ -1,7 +1,6 @@
 """The main job: from a recording to tracked motion, joints, potentials and a report."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
@@ -17,12 +16,15 @@ from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
+from mocap.pipeline import sentences
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import of_one_camera
+from mocap.pipeline.model_choice import ModelChoice
 from mocap.pipeline.one_camera import NAME, track_one_camera
-from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
-from mocap.pipeline.recording import Recording
-from mocap.pipeline.report import Counts, make_report, readable
+from mocap.pipeline.potentials import FRAME, SPACE, Potentials, joint_potentials
+from mocap.pipeline.report import Counts, consistency, make_report, readable
+from mocap.pipeline.report_part import Report
+from mocap.pipeline.result import Result, rate_points
 from mocap.pipeline.tracking import (
     each_alone,
     learn_motion,
@@ -37,6 +39,7 @@ from mocap.pipeline.tracking import (
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.progress import Stages
+from mocap.recording import Recording
 from mocap.side_by_side import call_all
 from mocap.text import as_text
 
@@ -74,7 +77,7 @@ def run_job(
     validated: bool = True,
     seed: int = 0,
     watch: Watch | None = None,
-) -> tuple[Recording, Recording]:
+) -> tuple[Result, Recording]:
     """Track a recording.
 
     Args:
@@ -116,7 +119,7 @@ def track_part(
     validated: bool,
     seed: int = 0,
     watch: Watch | None = None,
-) -> tuple[Recording, Recording, str, Mapping[str, Score]]:
+) -> tuple[Result, Recording, str, Mapping[str, Score]]:
     """Track a recording, as ``run_job`` does, without potentials and a report.
 
     Returns:
@@ -140,7 +143,7 @@ def track_part(
     if mixing or learned is not None:
         with stages.stage("track with a mixture of models" if mixing else "track") as progress:
             mixed = track_mixed(
-                part, learned, rate_points=recording.rate_points, compared=beside, seed=seed, progress=progress
+                part, learned, rate_points=rate_points(recording), compared=beside, seed=seed, progress=progress
             )
         scores = {} if mixed is None else mixed.scores
     elif beside:
@@ -155,7 +158,7 @@ def track_part(
         with stages.stage("learn"):
             own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
-            smoothed = track(part, own, rate_points=recording.rate_points, progress=progress)
+            smoothed = track(part, own, rate_points=rate_points(recording), progress=progress)
     return with_track(recording, part, name, smoothed, own), recording, why, scores
 
 
@@ -183,14 +186,14 @@ def _compared(model: str, reason: str | None, single: str, *, mixing: bool) -> d
 
 
 def reported(
-    tracked: Recording,
+    tracked: Result,
     recording: Recording,
     *,
     why: str,
     scores: Mapping[str, Score],
     stages: Stages,
     whole: Counts | None = None,
-) -> Recording:
+) -> Result:
     """The tracked recording with potentials and a report.
 
     Args:
@@ -210,18 +213,12 @@ def reported(
         planar, spatial = (
             joint_potentials(tracked.joints_m(frame), frame, markers, skeleton) for frame in (FRAME, SPACE)
         )
-    report = make_report(
-        recording,
-        tracked,
-        planar,
-        why_model=why,
-        validation=scores,
-        seconds=stages.seconds,
-        articulated=joined,
-        whole=whole,
-    )
-    text = readable(report, title=recording.name)
-    return replace(tracked, potentials=planar, spatial_potentials=spatial, report=report, report_text=text)
+    choice = ModelChoice(why=why, scores=scores, told=tuple(sentences.too_narrow(consistency(tracked)["nis_per_row"])))
+    none = not planar and recording.plane is None and (skeleton.joints or not skeleton.body_joints)
+    told = (sentences.no_joints(skeleton),) if none else ()
+    tracked = tracked.with_part(choice, Potentials(planar=planar, spatial=spatial, told=told))
+    report = make_report(recording, tracked, seconds=stages.seconds, articulated=joined, whole=whole)
+    return tracked.with_part(Report(numbers=report, text=readable(report, title=recording.name)))
 
 
 def _learned_from(learned: LearnedModel, part: Recording) -> str:

@@ -14,14 +14,14 @@ from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, WITH_JOINTS, Effort,
 from mocap.filters.model import LearnedModel, learn_model, own_trials
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
-from mocap.findings import Kind
 from mocap.io.output import result_file
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.decided import decided
 from mocap.pipeline.model_file import load_model as read_model
 from mocap.pipeline.model_file import save_model
-from mocap.pipeline.recording import Recording, as_recording
 from mocap.pipeline.session import facts_of
 from mocap.pipeline.tracking import marker_trial, seen_frames
+from mocap.recording import Recording, as_recording
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.text import number_of, plain
@@ -246,8 +246,8 @@ def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Itera
     for source in sources:
         one = clean(source.without_needless_calibration()).in_space("learning")
         if not source.cleaned:
-            units = [finding for finding in one.findings if finding.kind is Kind.ASSUMED_UNIT]
-            for text in dict.fromkeys(map(str, (*units, *source.findings))):
+            how = decided(source)
+            for text in dict.fromkeys(str(f) for f in (how.assumed_unit, *how.of_files) if f is not None):
                 tell(f"{one.name}: {text}")
         yield one
 

@@ -16,8 +16,9 @@ from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.pipeline import sentences
-from mocap.pipeline.recording import Recording
-from mocap.records import Status
+from mocap.pipeline.cleaned import Cleaned, written
+from mocap.pipeline.result import rate_points
+from mocap.recording import Recording
 
 NAME = "one camera"
 """Of the model, in reports and tables."""
@@ -62,14 +63,14 @@ def track_one_camera(
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
     own, inside = part.names, part.ideal_px
     trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
-    prior = learn_prior(trials, trunk)
-    noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
+    prior, stated = learn_prior(trials, trunk), source.source
+    noise = stated.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
     views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
     found = track_views(
         prior,
         views,
         doubt=partial(left_out, prior, trials, trunk),
-        rate_points=rate_points_of(own, source.rate_points),
+        rate_points=rate_points_of(own, rate_points(source)),
         progress=progress,
     )
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
@@ -93,10 +94,15 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
     other = found.other if found.other > 0.05 else None  # rarer mirror images are not told of
     rays = np.full(film.ideal_px.shape[:3], noise)
-    done = film.having(
+    own_findings = sentences.one_camera(
+        other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose
+    )
+    return written(
+        film,
+        Cleaned(jitter_px=noise, told=tuple(own_findings)),
+        rejected={},
         position=xyz,
         covariance=cov,
-        status=np.where(np.isfinite(xyz[..., 0]), Status.MEASURED, Status.MISSING).astype(np.int8),
         believed=film.ideal_px,
         ray_sd=rays,
         ray_scale=rays,
@@ -104,11 +110,5 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
         ray_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
         most_speed=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
-        repaired=2 * film.edited.astype(np.int8),
-    )
-    own_findings = sentences.one_camera(
-        other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose
-    )
-    return replace(
-        done, cleaned=True, jitter_px=noise, readings=(), findings=(*film.readings, *film.findings, *own_findings)
+        persistent=np.zeros(n_markers),
     )

@@ -1,19 +1,27 @@
 """The empirical potential of each joint, in the plane of its limb."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eal.archive import ArchiveError
 from eal.arrays import Array, short_repr
 from eal.choice import Choice, choose
 from eal.plot import plot_potential
-from eal.potential import EmpiricalPotential, fit_potential
+from eal.potential import EmpiricalPotential, fit_potential, load_potential
+from mocap.errors import FormatError
+from mocap.findings import Finding
+from mocap.joints import FRAMES
+from mocap.json_records import AGAIN, plain, record
 from mocap.records import MarkerTracks, Status
+from mocap.schema import POSITIVE, Entry, Schema, checked
 from mocap.sides import words
 from mocap.skeleton import Skeleton
+from mocap.text import file_names
 
 FRAME = "limb"
 """Frame of reference in which joints have two coordinates."""
@@ -23,6 +31,17 @@ NAMES = ("along", "across", "third")
 FEWEST, MOST = 30, 500
 """Samples below which a potential says more about their number than about the joint; of more, evenly spaced ones.
 Chosen; time goes with the cube of their number."""
+
+
+PLANAR, SPATIAL = "potentials", "spatial_potentials"
+"""Folders of potentials in the planes of limbs, and in the three coordinates of the body."""
+_POTENTIAL: Schema = {"frame": Entry(kind="s", words=FRAMES), "scale_m": Entry(least=POSITIVE)}
+_CHOICE: Schema = {
+    "metric": Entry(kind="s"),
+    "width": Entry(least=POSITIVE),
+    "weight": Entry(least=POSITIVE),
+    "log_likelihood": Entry(),
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,7 +54,7 @@ class JointPotential:
         samples_m: (N, d) coordinates in metres; d = 2 in the planes of a limb, 3 in the body.
         potential: V_z on coordinates divided by ``scale_m``.
         scale_m: Metres a unit of the potential's coordinates.
-        choice: How its kernel and lambda were chosen; None of one that was read back.
+        choice: How its kernel and lambda were chosen; None: it was not, or a version that did not keep it wrote it.
     """
 
     joint: str
@@ -88,6 +107,101 @@ class JointPotential:
             shown.append(tuple(1.55 * way))
         (x0, y0), (x1, y1) = np.min(shown, axis=0), np.max(shown, axis=0)
         ax.set(xlim=(x0, x1), ylim=(y0, y1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Potentials:
+    """The potentials of a recording's joints.
+
+    Attributes:
+        planar: By joint name, in the planes of limbs.
+        spatial: The same in the three coordinates of the body.
+        told: Why there are none.
+    """
+
+    planar: Mapping[str, JointPotential] = field(default_factory=dict)
+    spatial: Mapping[str, JointPotential] = field(default_factory=dict)
+    told: tuple[Finding, ...] = ()
+
+    step: ClassVar[str] = "track"
+    depends_on: ClassVar[tuple[str, ...]] = ("ModelChoice",)
+
+    def at(self, frames: NDArray[np.int64]) -> Self:  # noqa: ARG002
+        """The same: they are of the whole."""
+        return self
+
+    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
+        """The same."""
+        return self
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What is told."""
+        return self.told
+
+    def to_file(self, folder: Path) -> dict[str, Any]:
+        """What is chosen of each; kernels and samples go to a file each."""
+        out: dict[str, Any] = {"told": plain(self.told)}
+        for kind in (PLANAR, SPATIAL):
+            of = self.planar if kind == PLANAR else self.spatial
+            for file, one in zip(file_names(of), of.values(), strict=True):
+                (folder / kind).mkdir(exist_ok=True)
+                one.potential.save(folder / kind / f"{file}.npz")
+            out[kind] = {
+                name: {"frame": one.frame, "scale_m": one.scale_m, "choice": _chosen(one.choice)}
+                for name, one in of.items()
+            }
+        return out
+
+    @classmethod
+    def of_file(cls, entries: Any, folder: Path, where: str) -> Self:
+        """Read back."""
+        if not isinstance(entries, dict):
+            raise FormatError(f"{where}: expected a table: {AGAIN}")
+        planar, spatial = (_of_file(entries.get(kind), folder, f"{where}: {kind}", kind) for kind in (PLANAR, SPATIAL))
+        told = record(cls, {"told": entries.get("told", [])}, where).told
+        return cls(planar=planar, spatial=spatial, told=told)
+
+
+def _chosen(choice: Choice | None) -> dict[str, Any] | None:
+    """How a kernel was chosen, without the kernel, which the potential has."""
+    return None if choice is None else {name: getattr(choice, name) for name in _CHOICE}
+
+
+def _of_file(found: Any, folder: Path, where: str, kind: str) -> dict[str, JointPotential]:
+    """The potentials of a kind.
+
+    Raises:
+        FormatError: they are not as they were written.
+    """
+    if not isinstance(found, dict):
+        raise FormatError(f"{where}: expected a table by names of joints: {AGAIN}")
+    out, wanted = {}, 2 if kind == PLANAR else 3
+    for (name, one), file in zip(found.items(), file_names(found), strict=True):
+        entries = checked(f"{where}: {name}", one, _POTENTIAL, again=AGAIN)
+        how = one.get("choice")
+        try:
+            potential = load_potential(folder / kind / f"{file}.npz")
+        except ArchiveError as error:
+            raise FormatError(f"{error}: {AGAIN}") from None
+        if potential.dimension != wanted:
+            raise FormatError(
+                f"{folder / kind / file}.npz: has {potential.dimension} coordinates, expected {wanted}: {AGAIN}"
+            )
+        choice = None
+        if how is not None:
+            numbers = checked(f"{where}: {name}: choice", how, _CHOICE, again=AGAIN)
+            own = {of: value[()] if of == "metric" else float(value) for of, value in numbers.items()}
+            choice = Choice(kernel=potential.kernel, lam=potential.lam, **own)  # type: ignore[arg-type]
+        scale_m = float(entries["scale_m"])
+        out[name] = JointPotential(
+            joint=name,
+            frame=entries["frame"][()],
+            scale_m=scale_m,
+            samples_m=scale_m * potential.samples,
+            potential=potential,
+            choice=choice,
+        )
+    return out
 
 
 def joint_potentials(
@@ -153,6 +267,7 @@ def _potential(joint: str, frame: str, samples_m: Array, trials: Sequence[int]) 
     scaled = samples_m / scale
     names, units = NAMES[: scaled.shape[1]], (f"{scale:.6g} m",) * scaled.shape[1]
     potential = fit_potential(scaled, kernel=chosen.kernel, lam=chosen.lam, names=names, units=units)
+    # the samples as they are read back, to the last digit
     return JointPotential(
-        joint=joint, frame=frame, samples_m=samples_m, potential=potential, scale_m=scale, choice=chosen
+        joint=joint, frame=frame, samples_m=scale * scaled, potential=potential, scale_m=scale, choice=chosen
     )

@@ -21,8 +21,8 @@ from mocap.io.together import point_names
 from mocap.measures import JointAxes, Places
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.propose_measures import proposed_measures
-from mocap.pipeline.recording import Recording, as_recording
 from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.recording import Recording, as_recording
 from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names, number_of
 
@@ -88,7 +88,7 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
     aliases = {a: b for a, b in zip(given, new, strict=True) if a != b}
     bodies = {
         body: {aliases.get(name, name): at for name, at in own.items() if name in given}
-        for body, own in recording.bodies.items()
+        for body, own in recording.source.bodies.items()
     }
     return _proposal(new, marker_trial(part), aliases, bodies)
 

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from eal.arrays import unique
 from mocap.calls import check_rate, check_stated
@@ -26,10 +27,11 @@ from mocap.io.registry import read as read_file
 from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
+from mocap.pipeline.decided import Decided, decided
 from mocap.pipeline.edits import read_log
 from mocap.pipeline.ideal_pixels import with_ideal_pixels
-from mocap.pipeline.recording import Recording, dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
+from mocap.recording import Recording, Source, dataset
 from mocap.skeleton import Skeleton
 from mocap.skeleton_files import is_model, read_skeleton
 from mocap.text import OTHER_OPTIONS, as_text, with_options
@@ -114,7 +116,7 @@ def read(
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
     hints = replace(hints or Hints(), fps=fps)
-    contents, findings = complete(_whole(files, rig, hints), where=files[0].name, fps=fps, unit=unit)
+    contents, how = complete(_whole(files, rig, hints), where=files[0].name, fps=fps, unit=unit)
     if not contents.names:
         why = "; ".join((*contents.findings, "give a file of pixels or positions"))
         raise FormatError(f"{files[0].name}: contains no markers ({contents.format}): {why}")
@@ -122,6 +124,8 @@ def read(
         mm_per_px = contents.plane_mm
     animal_skeleton, names = animal(skeleton, contents.names, bodies=contents.bodies)
     contents, cameras, notes = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
+    if how.unit is None and contents.unit is not None:
+        how = replace(how, unit=contents.unit, unit_from="file")
     contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
     named = (*files, rig, lenses, points, log, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
     found = Recording(
@@ -129,18 +133,17 @@ def read(
         data=dataset_of(contents),
         skeleton=animal_skeleton,
         cameras=cameras,
-        calibration=None if rig is None else rig.name,
-        findings=findings,
-        readings=(*notes, *further),
-        unusual=contents.remarks,
-        bodies=contents.bodies,
-        file=files[0],
-        inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
-        stored=_stored(contents, cameras, files[0], points),
-        unit=unit,
-        pixel_sd=pixel_sd,
-        mm_per_px=mm_per_px,
-    )
+        source=Source(
+            file=files[0],
+            inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
+            calibration=None if rig is None else rig.name,
+            unit=unit,
+            pixel_sd=pixel_sd,
+            mm_per_px=mm_per_px,
+            unusual=contents.remarks,
+            bodies=contents.bodies,
+        ),
+    ).with_part(replace(how, of_pixels=(*notes, *further), beside=_stored(contents, cameras, files[0], points)))
     found = found if log is None else read_log(log).replayed(found, anyway=edits_anyway)
     return with_ideal_pixels(found, replace(options, usual=contents.pixel_origin))
 
@@ -154,6 +157,14 @@ OPTIONS |= {one.name: f"--{one.name}" for one in fields(Hints)}
 def in_options(text: str) -> str:
     """A sentence of a report, which names arguments of ``read``, as files and pages name them: by their options."""
     return with_options(text, OPTIONS)
+
+
+def in_arguments(text: str) -> str:
+    """A report as files have it, in which each option is the argument between backquotes again."""
+    longest = sorted(OPTIONS.items(), key=lambda one: -len(one[1]))
+    for name, option in longest:
+        text = re.sub(rf"(?<![\w-]){re.escape(option)}(?![\w-])", f"`{name}`", text)
+    return text
 
 
 def of_session(trials: Iterable[Callable[..., Recording | None]]) -> Iterator[Recording]:
@@ -177,8 +188,8 @@ def of_session(trials: Iterable[Callable[..., Recording | None]]) -> Iterator[Re
             continue
         if recording is None:
             continue
-        if recording.rows is not None:
-            decisions.add((recording.rows.pixels, recording.rows.coefficients))
+        if (rows := decided(recording).rows) is not None:
+            decisions.add((rows.pixels, rows.coefficients))
         yield recording
     for trial, error in doubt:
         if len(decisions) != 1:
@@ -189,7 +200,8 @@ def of_session(trials: Iterable[Callable[..., Recording | None]]) -> Iterator[Re
             kind=Kind.PIXEL_ORIGIN, text=f"pixel origin {corner}, as in the other recordings of this session"
         )
         if recording is not None:
-            yield replace(recording, findings=(same, *recording.findings))
+            how = decided(recording)
+            yield recording.with_part(replace(how, of_pixels=(same, *how.of_pixels)))
 
 
 def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None, hints: Hints) -> FileContents:
@@ -257,8 +269,8 @@ def recording_name(file: Path) -> str:
 
 def complete(
     contents: FileContents, *, where: str, fps: float | None, unit: str | None
-) -> tuple[FileContents, tuple[Finding, ...]]:
-    """What was read in metres, in seconds and with every frame, and the first findings.
+) -> tuple[FileContents, Decided]:
+    """What was read in metres, in seconds and with every frame, and what was decided for that.
 
     Args:
         contents: As read.
@@ -271,18 +283,43 @@ def complete(
         MocapError: the frame rate is not known, or no camera has it.
     """
     check_stated("fps", fps)
-    contents, findings = in_metres(contents, unit)
+    own = contents.unit
+    contents, assumed = in_metres(contents, unit)
+    rate_from, slow = "stated", list[str]()
     if fps is None:
         if contents.fps is None:
             raise NoRateError(f"{where}: the frame rate is not in the file: give `fps`")
         check_rate(contents.fps, where)
         tracks = contents.points if contents.pixels is None else contents.pixels
         slow = [] if tracks is None else slow_rate(contents.fps, tracks.t_s)
-        findings = (*findings, *(Finding(kind=Kind.FRAME_RATE, alarm=True, text=text) for text in slow))
+        rate_from = "file"
     else:
         contents = contents.with_rate(fps)
     contents, left_out = every_frame(contents)
-    return contents, (*findings, *readings((*contents.assumed, *left_out)))
+    rates = (Finding(kind=Kind.FRAME_RATE, alarm=True, text=text) for text in slow)
+    return contents, Decided(
+        unit=contents.unit,
+        unit_from="stated" if unit else "file" if own else "assumed" if assumed else "nowhere",
+        rate_from=rate_from,  # type: ignore[arg-type]
+        assumed_unit=next(iter(assumed), None),
+        of_files=(*rates, *readings((*contents.assumed, *left_out))),
+    )
+
+
+def dataset_of(contents: FileContents) -> xr.Dataset:
+    """What files hold, as a Dataset: pixels, or positions where there are none."""
+    tracks = contents.points if contents.pixels is None else contents.pixels
+    return dataset(
+        contents.names,
+        np.zeros(0) if tracks is None else tracks.t_s,
+        pixels=contents.pixels,
+        points=contents.points,
+        score=contents.score,
+        frames=contents.frames if tracks is not None else None,
+        format=contents.format,
+        **({} if contents.fps is None else {"fps": contents.fps}),
+        **({} if contents.unit is None else {"space_unit": contents.unit}),
+    )
 
 
 def _whole(files: Sequence[Path], rig: Path | None, hints: Hints) -> FileContents:

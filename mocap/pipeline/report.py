@@ -14,15 +14,17 @@ from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.models.pose import WEIGHT
-from mocap.filters.score import Score
-from mocap.findings import Kind, alarms
+from mocap.findings import alarms
 from mocap.io.unstated_unit import length
-from mocap.pipeline import sentences
+from mocap.pipeline.cleaned import cleaned
+from mocap.pipeline.decided import decided
+from mocap.pipeline.model_choice import ModelChoice
 from mocap.pipeline.one_camera import NAME as ONE_CAMERA
 from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
 from mocap.pipeline.tracking import MOVED, lasting_cov, moved, moved_report, seen_frames
+from mocap.recording import Recording
 from mocap.records import Status
 from mocap.text import number_of, plain
 
@@ -31,7 +33,7 @@ Counts = Mapping[str, Mapping[str, float]]
 """Sums over frames, so that those of a long recording are the sums of its parts' (``counts``, ``together``)."""
 
 
-def counts(recording: Recording, tracked: Recording, frames: slice = slice(None)) -> Counts:
+def counts(recording: Recording, tracked: Result, frames: slice = slice(None)) -> Counts:
     """Numbers of samples in some frames: by origin, rejected and repaired by reason; frames and their log density.
 
     Args:
@@ -43,7 +45,7 @@ def counts(recording: Recording, tracked: Recording, frames: slice = slice(None)
     gated = np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used
     far = moved(recording, tracked.xyz_m, tracked.cov_m2)[1] & (tracked.tracks.status == Status.REJECTED)
     far &= ~np.any(list(rejected.values()), axis=0)
-    exchanged = exchanged_samples(recording.xyz_m.shape[:2], recording.swaps)
+    exchanged = exchanged_samples(recording.xyz_m.shape[:2], cleaned(recording).swaps)
     edited = {"edited": recording.edited} if "edited" in recording.data else {}
     likelihood = float(tracked.log_likelihood[frames].sum())
     return {
@@ -73,29 +75,31 @@ def together(one: Counts, other: Counts) -> Counts:
 
 def make_report(
     recording: Recording,
-    tracked: Recording,
-    potentials: Mapping[str, JointPotential],
+    tracked: Result,
     *,
-    why_model: str,
-    validation: Mapping[str, Score],
     seconds: Mapping[str, float],
     articulated: Sequence[Articulation] = (),
     whole: Counts | None = None,
 ) -> dict[str, object]:
     """The report of a run; plain numbers, strings, lists and dictionaries.
 
-    Of one video without a scale, keys that name millimetres name pixels. ``validation`` has, by method, how gaps that
-    were hidden are filled. Where these are some frames of a long recording, ``whole`` has its counts, and single
-    samples are not listed.
+    Of one video without a scale, keys that name millimetres name pixels. Where these are some frames of a long
+    recording, ``whole`` has its counts, and single samples are not listed.
+
+    Args:
+        recording: As it was cleaned.
+        tracked: As it was tracked, with its model and potentials.
+        seconds: How long each stage took.
+        articulated: Segments and joints.
+        whole: Counts of a long recording.
     """
-    consistency, away = _consistency(tracked), moved_report(recording, tracked.tracks)
+    choice, found_out, potentials = tracked[ModelChoice], cleaned(tracked), tracked.potentials
+    validation, away = choice.scores, moved_report(recording, tracked.tracks)
     numbers = whole or counts(recording, tracked)
     samples, total = numbers["samples"], numbers["samples"]["total"]
     if whole is not None:
         away |= {"largest": None, "samples": [], "beyond_3_sd": whole["rejected"]["moved"]}
-    found = [*recording.findings, *sentences.too_narrow(consistency["nis_per_row"])]
-    if not potentials and recording.plane is None and (recording.skeleton.joints or not recording.skeleton.body_joints):
-        found.append(sentences.no_joints(recording.skeleton))
+    found, unit = tracked.findings, decided(tracked).assumed_unit
     frames, origin = seen_frames(recording), tracked.tracks.status
     shown = {"first": frames.start + 1, "last": frames.stop} if whole is None else whole["tracked"]
     late = recording.late_frames
@@ -112,7 +116,7 @@ def make_report(
         "skeleton": recording.skeleton.name,
         "model": {
             "name": tracked.model,
-            "why": why_model,
+            "why": choice.why,
             "beta": USUAL_WIDTH,
             "lambda": USUAL_LAMBDA,
             "weight": WEIGHT,
@@ -128,7 +132,7 @@ def make_report(
         "moved": away,
         "residual_px": _quantiles(recording.residual_px),
         "residual_px_by_camera": residuals_by_camera(recording),
-        "pixel_noise_px": {"jitter": _number(recording.jitter_px), "slow": recording.bias_px},
+        "pixel_noise_px": {"jitter": _number(found_out.jitter_px), "slow": found_out.bias_px},
         "cameras_and_markers": _noise(recording),
         "rejected": {
             "counts": numbers["rejected"],
@@ -150,9 +154,9 @@ def make_report(
             "reasons": REPAIRS | {"edited": "corrected by hand"},
             "runs": _exchanged(recording),
         },
-        "audit": [finding.as_json() for finding in recording.audited],
-        "stale_points": None if recording.stale is None else [vars(s) for s in recording.stale],
-        "innovation": consistency,
+        "audit": [finding.as_json() for finding in found_out.audited],
+        "stale_points": None if found_out.stale is None else [vars(s) for s in found_out.stale],
+        "innovation": consistency(tracked),
         "log_likelihood": numbers["frames"]["log_likelihood"],
         "validation": {
             "hidden_samples": max((one.samples for one in validation.values()), default=0),
@@ -164,7 +168,7 @@ def make_report(
             "undetermined": undetermined(articulated),
         },
         "length_m": _number(length(recording.xyz_m)),
-        "assumed_unit": next((f.text for f in found if f.kind is Kind.ASSUMED_UNIT), None),
+        "assumed_unit": None if unit is None else unit.text,
         "wrong": list(dict.fromkeys(f.text for f in alarms(found))),
         "findings": [f.text for f in found],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
@@ -195,7 +199,8 @@ def _number(value: float) -> float | None:
 
 def _noise(recording: Recording) -> dict[str, object]:
     """Noise of each camera and its degrees of freedom, and the noise of each marker relative to a typical one."""
-    if not recording.cameras or recording.noise is None:
+    noise = cleaned(recording).noise
+    if not recording.cameras or noise is None:
         return {"sd_px": {}, "dof": {}, "marker_scale": {}}
     cameras, seen = [camera.name for camera in recording.cameras], np.isfinite(recording.uv_px[..., 0])
     total = np.where(seen, 1 / recording.ray_sd_px**2, 0.0).sum(axis=(1, 2))
@@ -203,8 +208,8 @@ def _noise(recording: Recording) -> dict[str, object]:
         sd = np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
     return {
         "sd_px": dict(zip(cameras, map(_number, sd), strict=True)),
-        "dof": dict(zip(cameras, map(_number, recording.noise.dof), strict=True)),
-        "marker_scale": dict(zip(recording.names, map(_number, recording.noise.marker), strict=True)),
+        "dof": dict(zip(cameras, map(_number, noise.dof), strict=True)),
+        "marker_scale": dict(zip(recording.names, map(_number, noise.marker), strict=True)),
     }
 
 
@@ -220,7 +225,7 @@ def _bad_cameras(recording: Recording) -> list[dict[str, object]]:
             "offset_px": bad.offset_px.tolist(),
             "moved": bad.moved,
         }
-        for bad in recording.bad_cameras
+        for bad in cleaned(recording).bad_cameras
     ]
 
 
@@ -234,11 +239,11 @@ def _exchanged(recording: Recording) -> list[dict[str, object]]:
             "frames": (swap.frames + 1).tolist(),
             "log_likelihood_gain": round(swap.gain, 1),
         }
-        for swap in recording.swaps
+        for swap in cleaned(recording).swaps
     ]
 
 
-def _consistency(tracked: Recording) -> dict[str, float | None]:
+def consistency(tracked: Result) -> dict[str, float | None]:
     """Mean normalised innovation squared per observation, and the share of frames inside the 95 % band of chi-square.
 
     A consistent filter has 1; observations whose errors follow Student's t count by their weights.

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.filters.models.registry import NAMED
+from mocap.pipeline.cleaned import Cleaned, written
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import straightened, without_hand
-from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.tracking import learn_motion, track, with_track
+from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.skeleton import Skeleton
 
@@ -62,15 +63,16 @@ def tracked_again(
         own = np.where(np.isfinite(cov), cov, np.nanmedian(tracks.cov_m2[:, which], axis=(0, 1)))
         of = of_points(marker_tracks(names, seen.t_s, xyz, cov_m2=own), bare, name=recording.name)
         of = of.having(rejected={"rays_miss": np.zeros(xyz.shape[:2], dtype=bool)})
-        of = replace(of, cleaned=True)
+        of = of.with_part(Cleaned())
     else:
         cleaned = clean(recording) if cleaned is None else cleaned
-        of = replace(cleaned.at(window).only(which), skeleton=bare, swaps=(), jumps=())
+        of = replace(cleaned.at(window).only(which), skeleton=bare)
+        of = of.with_part(replace(of[Cleaned], jumps=()))  # a correction may be the end of one
         of = _as_named(of, without_hand(seen), which, sd_px) if of.cameras else of
     if not np.isfinite(of.xyz_m[..., 0]).any():
         raise MocapError(f"nothing is seen of {', '.join(names)} in the frames around: place it in two cameras")
     whole = of_points(marker_tracks(names, tracks.t_s, measured), bare, name=recording.name)
-    whole = replace(whole, cleaned=True)
+    whole = whole.with_part(Cleaned())
     model = replace(learn_motion(whole, NAMED["constant_velocity"].settings), t_s=seen.t_s, rigid=None)
     return window, with_track(of, of, "constant_velocity", track(of, model)).tracks
 
@@ -82,11 +84,8 @@ def _as_named(of: Recording, seen: Recording, which: NDArray[np.int64], sd_px: f
         return of
     own = straightened(seen, seen.pixels.uv_px[:, :, which])[:, None, new]
     found = triangulate.robust(of.matrices, own, sd_px=sd_px)
-    uv, scale, xyz, cov, status = (
-        np.array(a) for a in (of.uv_px, of.ray_scale_px, of.xyz_m, of.cov_m2, of.data["status"].values)
-    )
+    uv, scale, xyz, cov = (np.array(a) for a in (of.uv_px, of.ray_scale_px, of.xyz_m, of.cov_m2))
     uv[:, new], scale[:, new] = np.where(found.rejected[..., None], np.nan, own)[:, 0], sd_px
     xyz[new], cov[new] = found.xyz_m[0], found.cov_m2[0]
-    status[new] = np.where(np.isfinite(xyz[new, 0]), Status.MEASURED, Status.MISSING)
     rejected = {reason: mask & ~new for reason, mask in of.rejected.items()}
-    return of.having(believed=uv, ray_scale=scale, position=xyz, covariance=cov, status=status, rejected=rejected)
+    return written(of, of[Cleaned], believed=uv, ray_scale=scale, position=xyz, covariance=cov, rejected=rejected)

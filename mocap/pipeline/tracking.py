@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.audit import Jump
+from mocap.audit.samples import Jump
 from mocap.cameras.triangulate import project
 from mocap.cleaning.bias import lasting_share
 from mocap.cleaning.clean import POSE_MARKERS, POSE_SHARE, shows_a_pose
+from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
@@ -19,16 +20,18 @@ from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.moving import Rates, rate_points_of
-from mocap.filters.observations import WHOLE
+from mocap.filters.observations import WHOLE, Observations, PixelObservations, PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Motion, RatePoints, without_rates
 from mocap.joints import joint_variables
-from mocap.pipeline.recording import Recording, limb_variables, of_points
-from mocap.pipeline.variables import VARIABLES, Values
+from mocap.pipeline.cleaned import cleaned
+from mocap.pipeline.result import Result, limb_variables, rate_points
+from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
+from mocap.variables import VARIABLES, Values
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
@@ -74,7 +77,7 @@ def why_no_pose(part: Recording) -> str | None:
     if seen.shape[1] < POSE_MARKERS:
         return f"only {seen.shape[1]} markers are seen: a pose needs at least {POSE_MARKERS}"
     spread = np.nanstd(part.xyz_m, axis=0)
-    noise = np.sqrt(np.nanmedian(np.trace(part.cov_m2, axis1=-2, axis2=-1)) / 3) / part.stated_over_shown
+    noise = np.sqrt(np.nanmedian(np.trace(part.cov_m2, axis1=-2, axis2=-1)) / 3) / cleaned(part).stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
         return "no marker moves by more than its noise"
     together = int(shows_a_pose(seen).sum())
@@ -82,6 +85,28 @@ def why_no_pose(part: Recording) -> str | None:
         share = f"{100 * POSE_SHARE:g} %"
         return f"only {together} frames show {share} of the markers together: a pose needs at least {POSE_FRAMES}"
     return None
+
+
+def observations(recording: Recording, *, hidden: Mask | None = None) -> Observations:
+    """Rows for a tracker, of a recording that was cleaned, without (T, M) samples that are hidden."""
+    noise = cleaned(recording).noise
+    keep = np.ones(recording.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
+    xyz, cov = np.where(keep[..., None], recording.xyz_m, np.nan), recording.cov_m2
+    if not recording.cameras:
+        return PositionObservations(xyz_m=xyz, sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
+    uv = np.where(keep[None, ..., None], recording.uv_px, np.nan)
+    middle = np.nanmedian(recording.xyz_m.reshape(-1, 3), axis=0)
+    depth = np.median(np.abs(recording.matrices[:, 2, :3] @ middle + recording.matrices[:, 2, 3]))
+    return PixelObservations(
+        matrices=recording.matrices,
+        uv_px=uv,
+        sd_px=recording.ray_scale_px,
+        dof=np.full(len(uv), USUAL_DOF) if noise is None else noise.dof,
+        xyz_m=xyz,
+        cov_m2=cov,
+        wide_m=0.05 * float(depth),  # vaguer ones: no sigma points
+        by_hand=recording.by_hand,
+    )
 
 
 def learn_motion(part: Recording, settings: TrajectoryModel) -> FittedMotion:
@@ -99,7 +124,7 @@ def trial_set(part: Recording) -> TrialSet:
 
 def marker_trial(part: Recording) -> MarkerTrial:
     """A recording as models learn from it: with the noise that it shows, whatever is stated."""
-    sd_m = np.sqrt(np.trace(part.cov_m2, axis1=-2, axis2=-1) / 3) / part.stated_over_shown
+    sd_m = np.sqrt(np.trace(part.cov_m2, axis1=-2, axis2=-1) / 3) / cleaned(part).stated_over_shown
     return MarkerTrial(name=part.name, t_s=part.t_s, xyz_m=part.xyz_m, sd_m=sd_m)
 
 
@@ -126,7 +151,7 @@ def track_mixed(
         None: no gap could be hidden, for the recording to teach itself.
     """
     names, skeleton = part.names, part.skeleton
-    trial, seen = marker_trial(part), part.observations()
+    trial, seen = marker_trial(part), observations(part)
     options: dict[str, Any] = {"compared": compared, "seed": seed, "progress": progress, "call_all": call_all}
     options["rate_points"] = None if rate_points is None else rate_points_of(names, rate_points)
     if learned is not None:
@@ -147,12 +172,12 @@ def track(
 ) -> Estimate:
     """Filter and smooth the seen part of a recording."""
     points = None if rate_points is None else rate_points_of(part.names, rate_points)
-    return model.fill(part.observations(hidden=hidden), rate_points=points, progress=progress)
+    return model.fill(observations(part, hidden=hidden), rate_points=points, progress=progress)
 
 
 def with_track(
     recording: Recording, part: Recording, name: str, smoothed: Estimate, own: FittedMotion | None = None
-) -> Recording:
+) -> Result:
     """The recording with a part of it, smoothed, in place of what was cleaned, every sample with its status.
 
     With joints, limbs that were held, and the joint angles that were the state of the model (``own``).
@@ -188,7 +213,7 @@ def with_track(
     off, far = moved(recording, xyz, cov)
     far &= (origin == Status.MEASURED) & ~recording.edited  # what a person states is believed
     origin[far] = Status.REJECTED
-    cov += jump_cov(recording.jumps, xyz, origin)
+    cov += jump_cov(cleaned(recording).jumps, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
@@ -197,7 +222,7 @@ def with_track(
     likelihood[frames] = smoothed.log_likelihood
     if recording.cameras:
         rays = {"innovation": innovation, "used": used, "reprojected": project(recording.matrices, xyz)}
-    found = recording.having(
+    found = Result.of(recording).having(
         position=xyz,
         covariance=cov,
         status=origin,
@@ -208,10 +233,9 @@ def with_track(
     )
     speed = np.gradient(np.nan_to_num(off), recording.t_s, axis=0) if n_frames > 1 else 0.0  # of one frame none
     left = np.where(far[..., None], speed, 0.0)
-    motion = motion_of(found.tracks, frames, smoothed.rates, recording.rate_points, left_m_s=left)
-    y_up = recording.rows is not None and recording.rows.coefficients == "lower-left"
+    motion = motion_of(found.tracks, frames, smoothed.rates, rate_points(recording), left_m_s=left)
     found = _with_joints(found.with_motion(motion), whole_frames(recording))
-    found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(y_up)))
+    found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(recording.y_up)))
     if smoothed.limbs:
         limbs: dict[str, Any] = {name: spread(name, of) for name, of in limb_variables(smoothed.limbs).items()}
         found = found.having({"limb": list(smoothed.limbs)}, **limbs)
@@ -226,7 +250,7 @@ def with_track(
     return found.having({"angle": names, "segment": [f"{a} to {b}" for a, b in ends]}, **values)
 
 
-def _with_joints(recording: Recording, frames: BodyFrames) -> Recording:
+def _with_joints(recording: Result, frames: BodyFrames) -> Result:
     """The recording with its joints, where its skeleton has some."""
     if not recording.skeleton.joints:
         return recording
@@ -234,10 +258,10 @@ def _with_joints(recording: Recording, frames: BodyFrames) -> Recording:
     return recording.having({"joint": [joint.name for joint in recording.skeleton.joints]}, **values)
 
 
-def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: str) -> Recording:
+def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: str) -> Result:
     """Positions as a model tracked them, of which nothing else is known: no pixels, no velocities."""
     n_frames = len(markers.t_s)
-    found = of_points(markers, skeleton, name=name).having(
+    found = Result.of(of_points(markers, skeleton, name=name)).having(
         nis=np.full(n_frames, np.nan),
         n_rows=np.zeros(n_frames, dtype=np.int64),
         log_likelihood=np.zeros(n_frames),
@@ -446,9 +470,10 @@ def lasting_cov(recording: Recording) -> Array:
     """
     if not recording.cameras:
         return np.zeros_like(recording.cov_m2)
-    usual = recording.jitter_px * (np.ones(len(recording.names)) if recording.noise is None else recording.noise.marker)
+    found = cleaned(recording)
+    usual = found.jitter_px * (np.ones(len(recording.names)) if found.noise is None else found.noise.marker)
     lasting = np.asarray(recording.data.get("persistent", np.zeros(len(usual))))
-    cov = _filled(recording.cov_m2 * lasting_share(lasting, usual, removed_px=recording.bias_px)[:, None, None])
+    cov = _filled(recording.cov_m2 * lasting_share(lasting, usual, removed_px=found.bias_px)[:, None, None])
     lens = recording.data.get("lens_covariance")
     return cov if lens is None else cov + _filled(lens.values)
 

@@ -13,7 +13,7 @@ from mocap.io import dltdv
 from mocap.pipeline import sentences
 from mocap.pipeline.cleaning import audit_points
 from mocap.pipeline.ideal_pixels import with_rays, without_lens
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 from mocap.records import marker_tracks
 
 
@@ -69,12 +69,12 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     if not source.filmed:
         raise MocapError(f"{source.where}: pixels need the calibration of their cameras: give `calibration`")
     film = with_rays(source)
-    assert film.rows is not None  # it was decided
     if refine:
-        found = triangulate.robust(film.matrices, film.ideal_px, least_px=source.pixel_sd)
+        stated = source.source.pixel_sd
+        found = triangulate.robust(film.matrices, film.ideal_px, least_px=stated)
         xyz, residual = found.xyz_m, found.residual_px
-        cov = found.cov_m2 * ((source.pixel_sd or found.sd_px) / found.sd_px) ** 2
-        contradicted = sentences.contradiction(source.pixel_sd, low_px=found.shown_px, high_px=found.shown_px)
+        cov = found.cov_m2 * ((stated or found.sd_px) / found.sd_px) ** 2
+        contradicted = sentences.contradiction(stated, low_px=found.shown_px, high_px=found.shown_px)
     else:
         ideal = without_lens(film, film.data["pixels"].values, iterations=3)
         xyz, residual = linear_in_blocks(film.matrices, ideal)
@@ -91,7 +91,6 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
             *poor,
             *contradicted,
             *film.findings,
-            *film.readings,
             *findings,
         ),
     )

@@ -19,9 +19,11 @@ from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
 from mocap.filters.poses import MarkerTrial
+from mocap.findings import Finding
 from mocap.pipeline import sentences
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.cleaned import Cleaned, written
 from mocap.pipeline.tracking import learn_motion, marker_trial, seen_part, track, trial_set, why_no_pose
+from mocap.recording import Recording
 
 CONTRADICTED = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small.
@@ -117,7 +119,7 @@ def without_contradicted(recording: Recording, learned: LearnedModel | None = No
     frames, markers = recording.place(part)
     points[frames][:, markers] = np.isfinite(part.xyz_m[..., 0]) & np.isnan(checked.xyz_m[..., 0])
     rays[:, frames][:, :, markers] = np.isfinite(part.uv_px[..., 0]) & np.isnan(checked.uv_px[..., 0])
-    return replace(_without(recording, points, rays), findings=checked.findings)
+    return _without(recording, points, rays).with_part(replace(recording[Cleaned], told=checked[Cleaned].told))
 
 
 def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: LearnedModel | None) -> Recording:
@@ -142,7 +144,7 @@ def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: Lea
     if not far.any():
         return recording
     kept = _without(recording, far, np.zeros(recording.uv_px.shape[:3], dtype=bool))
-    return replace(kept, findings=(*recording.findings, *sentences.rejected("contradicted", far)))
+    return _told(kept, sentences.rejected("contradicted", far))
 
 
 def continuing(recording: Recording, doubtful: Mask, away_m: Array) -> Mask:
@@ -200,20 +202,29 @@ def _without_wrong_rays(recording: Recording, pose: PoseSettings, learned: Learn
     if not wrong.any():
         return recording
     points = wrong.any(axis=0) & np.isfinite(recording.xyz_m[..., 0])
-    findings = *recording.findings, *sentences.rejected("contradicted", points), sentences.wrong_rays(wrong)
-    return replace(_without(recording, points, wrong), findings=findings)
+    told = [*sentences.rejected("contradicted", points), sentences.wrong_rays(wrong)]
+    return _told(_without(recording, points, wrong), told)
+
+
+def _told(recording: Recording, more: Sequence[Finding]) -> Recording:
+    """The recording with more that cleaning found."""
+    found = recording[Cleaned]
+    return recording.with_part(replace(found, told=(*found.told, *more)))
 
 
 def _without(recording: Recording, points: Mask, rays: Mask) -> Recording:
     """The recording without points (T, M) and rays (C, T, M) that are contradicted."""
-    kept = recording.having(
+    before = recording.rejected.get("contradicted", np.zeros_like(points))
+    more = {"contradicted": before | points} if points.any() else {}
+    return written(
+        recording,
+        recording[Cleaned],
+        rejected={**recording.rejected, **more},
         position=np.where(points[..., None], np.nan, recording.xyz_m),
         covariance=np.where(points[..., None, None], np.nan, recording.cov_m2),
         believed=np.where(rays[..., None], np.nan, recording.uv_px),
         ray_rejected=recording.rays_rejected | rays,
     )
-    before = recording.rejected.get("contradicted", np.zeros_like(points))
-    return kept.having(rejected={**recording.rejected, "contradicted": before | points}) if points.any() else kept
 
 
 def _can_expect(recording: Recording, learned: LearnedModel | None) -> bool:

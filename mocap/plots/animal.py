@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eal.arrays import Array
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.plots.kinematics import COLOURS, styled
 from mocap.records import Status
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 MEASURED, FILLED = COLOURS[0], COLOURS[1]
 
 
-def draw_animal(run: Recording) -> "Figure":
+def draw_animal(run: Result) -> "Figure":
     """Three phases of the motion, markers measured and filled, and the path of the body.
 
     The plane of the image holds the animal's longest axis and the direction across it in which it moves most. Phases
@@ -81,7 +81,7 @@ def _phases(xyz: Array) -> tuple[list[int], Array]:
     return [int(full[k]) for k in (np.argmin(first), middle, np.argmax(first))], body @ np.column_stack([long, up])
 
 
-def _draw(ax: "Axes", xy: Array, measured: np.ndarray, run: Recording) -> None:
+def _draw(ax: "Axes", xy: Array, measured: np.ndarray, run: Result) -> None:
     names = list(run.names)
     for bone in run.skeleton.bones:
         a, b = names.index(bone.a), names.index(bone.b)

@@ -11,7 +11,7 @@ import numpy as np
 from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, counted, ensemble
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.plots import kinematics as plots
 from mocap.plots.animal import draw_animal
 from mocap.plots.kinematics import COLOURS, labelled, legend_above, new_axes, shade
@@ -41,7 +41,7 @@ class Picture:
     figure: "FigureBase"
 
 
-def pictures(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None) -> Iterator[Picture]:
+def pictures(run: Result, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None) -> Iterator[Picture]:
     """The figures of a run: those for which it has something to show."""
     yield Picture(
         name="animal",
@@ -159,12 +159,12 @@ def drawn(figure: "FigureBase", kind: str, *, dpi: int = DPI) -> bytes:
     return made.getvalue()
 
 
-def write_plane_figures(run: Recording, folder: Path) -> None:
+def write_plane_figures(run: Result, folder: Path) -> None:
     """Write ``figures/paths`` and a figure of each coordinate, PNG and SVG."""
     write_pictures(list(plane_pictures(run)), folder)
 
 
-def plane_pictures(run: Recording) -> Iterator[Picture]:
+def plane_pictures(run: Result) -> Iterator[Picture]:
     """Paths of all markers; x and y over time of the six that are seen most."""
     assert run.plane is not None
     markers, (xy, cov) = run.tracks, run.plane.in_units(run.tracks)

@@ -9,7 +9,7 @@ import numpy as np
 from mocap.errors import MocapError
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, counted, ensemble
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.plots import kinematics as plots
 from mocap.plots.animal import draw_animal
 
@@ -34,7 +34,7 @@ def shown(given: "Axes | None", ax: "Axes") -> "Axes":
 class Plots:
     """Figures of a tracked recording; every method draws on ``ax`` or on new axes, and returns them."""
 
-    run: Recording
+    run: Result
     kinematics: Kinematics
     rows: Sequence[Cycle]
     steps: Footfalls | None

@@ -14,7 +14,7 @@ from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.pipeline.reading import in_options
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
 from mocap.plots import figures
 from mocap.plots.figures import Picture, drawn
@@ -28,7 +28,7 @@ _NOT_SHOWN = ("recording", "kind", "of", "number", "start_s", "end_s", "filled",
 """Columns of which a mean says nothing."""
 
 
-def write_page(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None, folder: Path) -> None:
+def write_page(run: Result, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None, folder: Path) -> None:
     """Write ``figures/`` and ``report.html`` into a folder."""
     shown = list(figures.pictures(run, found, rows, steps))
     page = report_page(run, found, rows, shown, figures.write_pictures(shown, folder))
@@ -36,7 +36,7 @@ def write_page(run: Recording, found: Kinematics, rows: Sequence[Cycle], steps: 
 
 
 def report_page(
-    run: Recording, found: Kinematics, rows: Sequence[Cycle], shown: Sequence[Picture], svg: Mapping[str, str]
+    run: Result, found: Kinematics, rows: Sequence[Cycle], shown: Sequence[Picture], svg: Mapping[str, str]
 ) -> str:
     """The page: numbers, findings, tables and figures."""
     from jinja2 import Environment
@@ -66,7 +66,7 @@ def report_page(
     )
 
 
-def tracked_html(run: Recording) -> str:
+def tracked_html(run: Result) -> str:
     """A run as a notebook shows it: the main numbers, the animal, what is wrong, and what to do next."""
     from mocap.plots.animal import draw_animal
 
@@ -90,7 +90,7 @@ def tracked_html(run: Recording) -> str:
     )
 
 
-def _numbers(run: Recording, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
+def _numbers(run: Result, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
     """The main numbers of a run, and what they are; shares are of the tracked frames."""
     report: Mapping[str, Any] = run.report
     status = run.tracks.status
@@ -151,7 +151,7 @@ def _cycles(rows: Sequence[Cycle]) -> dict[str, Any] | None:
     return {"columns": [("limb", ""), ("n", ""), *map(_titled, columns)], "lines": lines}
 
 
-def _angles(run: Recording, found: Kinematics) -> dict[str, Any] | None:
+def _angles(run: Result, found: Kinematics) -> dict[str, Any] | None:
     """Flexion of each joint, rotations of joints of bodies, that which moves most first; None: there is none."""
     lines = []
     shown = [(words(joint.name), f"{joint.name}_flexion_deg") for joint in run.skeleton.joints]

@@ -21,7 +21,7 @@ from mocap.filters.body_axes import body_frames
 from mocap.joints import joint_variables
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.recording import Recording
+from mocap.recording import Recording
 from mocap.records import marker_tracks
 from mocap.reproduce.fig_joints import WIDTH, joint_potential
 from mocap.reproduce.joint_filter import JointSights, JointTrack, learned_noise, theorem_3, track_joint

@@ -9,7 +9,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun.landscape import Block, Landscape
 from mocap.rerun.row_map import rms
 from mocap.rerun.scene import Scene, ViewCamera
@@ -34,7 +34,7 @@ class Layout:
         cycles: Wing beats, strides, waves.
     """
 
-    run: Recording
+    run: Result
     scene: Scene
     landscapes: Mapping[str, Landscape]
     blocks: Mapping[str, Block]
@@ -105,7 +105,7 @@ def frame_px(camera: ViewCamera, uv_px: Array) -> Box:
     return (float(left), float(top)), (float(right), float(bottom))
 
 
-def joint_frames(run: Recording) -> dict[str, str]:
+def joint_frames(run: Result) -> dict[str, str]:
     """The frame of reference in which each joint is shown: that of its potential, or else the most telling one."""
     first = next((frame for frame in _FRAMES if run.joints_m(frame)), "")
     return {name: run.potentials[name].frame if name in run.potentials else first for name in run.joints_m(first)}

@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 
 from eal.arrays import Array
 from mocap.filters.records import Limb
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, series_view
 from mocap.rerun.columns import log_over_time, single, ui
@@ -19,7 +19,7 @@ REACH = 0.35
 """Length of the strongest pulls (99 %), over the radius of the scene."""
 
 
-def log_limbs(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+def log_limbs(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
     """Each limb's map with its state, and its pulls in the scene."""
     t_s = run.t_s
     for name, limb in layout.run.limbs.items():

@@ -17,7 +17,8 @@ import rerun.blueprint as rrb
 
 from mocap.filters.live import LiveEstimate, live
 from mocap.filters.motion.base import MotionModel
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.tracking import observations
+from mocap.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen, series_view
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
@@ -192,7 +193,7 @@ class LiveSession:
         first = prepared.place(part)[0].start
         with LiveView(rec, scene, names=part.names, skeleton=prepared.skeleton, first=first) as view:
             # eight frames of hindsight, eight at once: two smoothing steps a frame
-            for estimate in live(model, part.observations(), part.t_s, lag=8, every=8):
+            for estimate in live(model, observations(part), part.t_s, lag=8, every=8):
                 view.show(estimate)
         dropped = f", {view.dropped} dropped because the viewer was slower" if view.dropped else ""
         trouble = f"; the stream ended early: {view.trouble}" if view.trouble else ""
@@ -225,6 +226,6 @@ def session(tell: Callable[[str], None]) -> Iterator[tuple[LiveSession, Viewer]]
 
 def scene_of(prepared: Recording) -> Scene:
     """The scene of a recording that is not tracked yet."""
-    y_up = prepared.rows is not None and prepared.rows.coefficients == "lower-left"
+    y_up = prepared.y_up
     uv = prepared.ideal_px if prepared.cameras else None
     return make_scene(prepared.cameras, xyz_m=prepared.xyz_m, uv_px=uv, y_up=y_up)

@@ -17,18 +17,18 @@ from mocap.io.dvproject import read_project
 from mocap.io.format import Hints
 from mocap.io.movies import FIRST_PIXEL, Movie, pyav, straightened, straightening
 from mocap.io.registry import by_name, read_as
-from mocap.pipeline.recording import Footage, Recording
+from mocap.pipeline.report_part import Report
+from mocap.pipeline.result import Result
 from mocap.rerun import paths
 from mocap.rerun.columns import log_over_time
+from mocap.rerun.footage import CameraFootage, Footage
 from mocap.rerun.scene import ViewCamera
 
 if TYPE_CHECKING:
     import av
 
 
-def with_footage(
-    run: Recording, movies: Sequence[Movie], *, offsets: tuple[Array, str], straight: bool = False
-) -> Recording:
+def with_footage(run: Result, movies: Sequence[Movie], *, offsets: tuple[Array, str], straight: bool = False) -> Result:
     """The run with its movies; what they show and where they are from is added to its report.
 
     Args:
@@ -59,13 +59,14 @@ def with_footage(
     whole = np.round(np.nan_to_num(offset_frames)).astype(np.int64)
     shifts = np.broadcast_to(whole, (n_frames, len(cameras)))
     footage = tuple(
-        Footage(movie=movie, frames=np.arange(n_frames) + shifts[:, c], straight=straight or camera.lens is None)
+        CameraFootage(movie=movie, frames=np.arange(n_frames) + shifts[:, c], straight=straight or camera.lens is None)
         for c, (camera, movie) in enumerate(zip(cameras, movies, strict=True))
     )
     sized = tuple(_with_size(camera, f.movie) for camera, f in zip(cameras, footage, strict=True))
     lines = [_sentence(camera, f, source) for camera, f in zip(cameras, footage, strict=True)]
     text = "\n".join([run.report_text.rstrip(), "", "## Video", "", *(f"- {line}" for line in lines), ""])
-    return replace(run, cameras=sized, footage=footage, report={**run.report, "video": lines}, report_text=text)
+    report = Report(numbers={**run.report, "video": lines}, text=text)
+    return replace(run, cameras=sized).with_part(Footage(cameras=footage), report)
 
 
 def _with_size(camera: Camera, movie: Movie) -> Camera:
@@ -77,7 +78,7 @@ def _with_size(camera: Camera, movie: Movie) -> Camera:
     return replace(camera, size_px=movie.size_px)
 
 
-def _sentence(camera: Camera, footage: Footage, source: str) -> str:
+def _sentence(camera: Camera, footage: CameraFootage, source: str) -> str:
     offsets = np.unique(footage.frames - np.arange(len(footage.frames)))
     how = f"{offsets[0]:+d}" if len(offsets) == 1 else f"{offsets[0]:+d} to {offsets[-1]:+d}"
     there = int(footage.there.sum())
@@ -104,7 +105,7 @@ def offsets_of(tracks: Path | None, offsets: Sequence[int] | None) -> tuple[Arra
     """
     if offsets:
         return np.array([offsets], dtype=np.float64), "as stated"
-    if tracks is None:
+    if tracks is None or not tracks.is_file():  # a result that was loaded knows its name alone
         return np.zeros((1, 1)), "not stated"
     if tracks.suffix.lower() == ".mat":
         return read_project(tracks).tables["offset_frames"], "from the project"
@@ -117,7 +118,7 @@ def offsets_of(tracks: Path | None, offsets: Sequence[int] | None) -> tuple[Arra
 _CODER = {"preset": "11", "crf": "34", "svtav1-params": "pred-struct=1:lp=1:rtc=1"}
 
 
-def log_video(rec: rr.RecordingStream, view: ViewCamera, camera: Camera, footage: Footage, t_s: Array) -> None:
+def log_video(rec: rr.RecordingStream, view: ViewCamera, camera: Camera, footage: CameraFootage, t_s: Array) -> None:
     """The video of one camera, an image a frame; black where there is none.
 
     An AV1 video that needs no change is taken as it is; any other is decoded frame by frame, straightened if it is bent
@@ -176,7 +177,7 @@ def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Itera
 
 
 def _pictures(
-    footage: Footage, camera: Camera, size_px: tuple[int, int], *, mirrored: bool
+    footage: CameraFootage, camera: Camera, size_px: tuple[int, int], *, mirrored: bool
 ) -> "Iterator[av.VideoFrame]":
     library = pyav()
     width, height = size_px

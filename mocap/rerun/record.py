@@ -11,11 +11,12 @@ import rerun.blueprint as rrb
 
 from mocap.cameras.camera import Camera
 from mocap.kinematics.cycles import cycles
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.records import MarkerTracks
 from mocap.rerun import paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import numbered_from, recording_into, single, ui
+from mocap.rerun.footage import footage
 from mocap.rerun.landscape import block, landscape
 from mocap.rerun.layout import Layout, joint_frames, play_fps
 from mocap.rerun.log_markers import log_axes, log_looks, log_markers, log_uncertainty, log_world
@@ -29,7 +30,7 @@ from mocap.skeleton import Skeleton
 APPLICATION = "mocap"
 
 
-def write_recording(run: Recording, path: Path, *, first: int = 1, every: int = 1) -> None:
+def write_recording(run: Result, path: Path, *, first: int = 1, every: int = 1) -> None:
     """Write all views of a run to a file.
 
     Frames before the first and after the last position of any marker are left out: there is nothing to see in them.
@@ -53,12 +54,12 @@ def write_recording(run: Recording, path: Path, *, first: int = 1, every: int = 
             tab.log(rec, part, layout)
 
 
-def run_scene(run: Recording) -> Scene:
+def run_scene(run: Result) -> Scene:
     """The scene of a run."""
     return make_scene(run.cameras, xyz_m=run.xyz_m, uv_px=run.ideal_px if run.cameras else None, y_up=run.y_up)
 
 
-def make_layout(run: Recording) -> Layout:
+def make_layout(run: Result) -> Layout:
     """All that is derived from a run before anything is written."""
     frames = joint_frames(run)
     landscapes = {
@@ -90,14 +91,14 @@ def make_blueprint(layout: Layout) -> rrb.Blueprint:
     return screen(rrb.Tabs(*tabs, active_tab=0, name=layout.name), fps=play_fps(layout.n_frames))
 
 
-def recording_id(run: Recording) -> str:
+def recording_id(run: Result) -> str:
     """The run's name and a digest of its data: the same for the same run, on every machine."""
     digest = hashlib.blake2b(digest_size=6)
     markers = run.tracks
     arrays = [markers.t_s, markers.xyz_m, markers.status, *(c.matrix for c in run.cameras)]
     if run.cameras:
         arrays.append(run.ideal_px)
-    arrays += [footage.frames for footage in run.footage]
+    arrays += [one.frames for one in footage(run)]
     arrays += [run.potentials[name].samples_m for name in sorted(run.potentials)]
     digest.update("\n".join([run.name, run.model, *markers.names]).encode())
     for array in arrays:

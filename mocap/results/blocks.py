@@ -19,7 +19,7 @@ from mocap.io.tables_long import COVARIANCES, LongTable
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.pipeline.tracking import of_tracks
 from mocap.records import MarkerTracks, Status
 from mocap.results.stored import read_recording
@@ -66,7 +66,7 @@ class BlockWriter:
                 write_table(whole, self._folder / name)
             write_table(pd.DataFrame(self._blocks), self._folder / BLOCKS)
 
-    def add(self, core: range, run: Recording, whole: Kinematics, own: slice, cycles: Sequence[Cycle]) -> None:
+    def add(self, core: range, run: Result, whole: Kinematics, own: slice, cycles: Sequence[Cycle]) -> None:
         """One block's own frames: its markers, what follows of them, and the cycles that begin in it.
 
         Args:
@@ -133,7 +133,7 @@ def is_long(folder: Path) -> bool:
     return (folder / MARKERS).is_file() and (folder / BLOCKS).is_file()
 
 
-def load_range(folder: Path, frames: range) -> Recording:
+def load_range(folder: Path, frames: range) -> Result:
     """All frames of a range, from 0, of a result that was written in blocks; without pixels and velocities.
 
     Only the row groups that hold them are read; covariances are in single precision.
@@ -145,5 +145,4 @@ def load_range(folder: Path, frames: range) -> Recording:
     markers, repaired = LongTable(folder / MARKERS).read(slice(frames.start, frames.stop))
     whole = read_recording(folder)
     found = of_tracks(markers, whole.skeleton, name=whole.name, model=whole.model).having(repaired=repaired)
-    parts = {name: getattr(whole, name) for name in ("potentials", "spatial_potentials", "report", "report_text")}
-    return replace(found, folder=folder, **parts)
+    return replace(found, source=whole.source, parts=whole.parts)

@@ -6,17 +6,33 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from mocap.documents import damaged, from_json
+from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.netcdf import read_netcdf
-from mocap.pipeline.recording import limb_variables, with_variables
+from mocap.pipeline.result import limb_variables
+from mocap.recording import with_variables
 
 EARLIER, MOTION, FORMAT = "run.nc", "motion.nc", "eal-mocap run 2"
+WITHOUT_PARTS = "eal-mocap recording 1"
+"""The format of a result whose header has all findings in one list, and nothing else of what steps found."""
 _POINTS = {"position": "point_position", "covariance": "point_covariance", "two": "end"}
 _RAYS = {"reprojected_px": "reprojected", "innovation_px": "innovation", "ideal_px": "ideal", "uv": "pixel"}
 _ANGLES = {"angle_angle_rad": "angle_rad", "angle_energies": "energies", "energy_3": "energy"}
 _ANGLES |= {"angle_length_m": "segment_length", "angle_length_sd_m": "segment_length_sd"}
 _LIMB = {"covariance": "cov"} | {of: of for of in ("x", "y", "value", "samples", "state", "at_state")}
+
+
+def earlier_parts(header: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """What the header of an earlier result tells of its parts, not checked yet: findings, potentials, the report."""
+    report = from_json(regular_bytes(folder / "report.json").decode("utf-8", "replace"), str(folder / "report.json"))
+    model = report.get("model") if isinstance(report, dict) else None
+    parts = {
+        "cleaned": {"told": header.get("findings", [])},
+        "model": {"why": str(model.get("why", "")) if isinstance(model, dict) else ""},
+        "potentials": header.get("potentials"),
+        "report": {},
+    }
+    return {"source": {}, "parts": parts}
 
 
 def earlier_record(folder: Path, *, again: str) -> tuple[xr.Dataset, dict[str, Any]]:

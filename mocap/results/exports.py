@@ -16,7 +16,7 @@ from mocap.kinematics.bodies import with_places
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.functional import pose_of
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.results.bvh import write_bvh
 from mocap.results.keypoints import KEYPOINTS, write_keypoints
 from mocap.results.mjcf import mjcf_text
@@ -60,7 +60,7 @@ def write_rigid_bodies(motion: Motion, skeleton: Skeleton, path: Path) -> None:
     path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8", newline="")
 
 
-Export = Callable[[Recording, Kinematics, Sequence[Cycle], Path], None]
+Export = Callable[[Result, Kinematics, Sequence[Cycle], Path], None]
 """Writes a recording, its kinematics and cycles into a file."""
 
 

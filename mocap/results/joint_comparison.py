@@ -15,8 +15,8 @@ from eal.comparison import Comparison, compare
 from eal.potential import load_potential
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current_files
+from mocap.pipeline.potentials import PLANAR
 from mocap.rerun.log_comparison import write_comparison_recording
-from mocap.results.stored import PLANAR
 from mocap.sides import without_side
 
 By = Literal["trial", "animal"]

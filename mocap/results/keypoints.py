@@ -12,7 +12,7 @@ from mocap.cameras.triangulate import linearise
 from mocap.errors import MocapError
 from mocap.io.contents import FileContents
 from mocap.io.registry import by_name, write
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.records import PixelTracks
 
 KEYPOINTS = {
@@ -25,7 +25,7 @@ NEAR_PX = 17.0
 """What DeepLabCut's likelihood is the probability of: that the point is so near (its ``pos_dist_thresh``)."""
 
 
-def write_keypoints(run: Recording, files: Mapping[str, str], folder: Path) -> None:
+def write_keypoints(run: Result, files: Mapping[str, str], folder: Path) -> None:
     """Write positions, and what each camera would show of them, with all filled samples.
 
     Raises:
@@ -42,7 +42,7 @@ def write_keypoints(run: Recording, files: Mapping[str, str], folder: Path) -> N
             write(replace(whole, points=None), folder / file, name)
 
 
-def contents_of(run: Recording) -> FileContents:
+def contents_of(run: Result) -> FileContents:
     """A tracked recording as the contents of a file: positions, and pixels with likelihoods where there are cameras.
 
     The likelihood of a sample is the probability that its true pixel is at most ``NEAR_PX`` away, by the standard
@@ -76,7 +76,7 @@ def contents_of(run: Recording) -> FileContents:
     )
 
 
-def _projected(run: Recording) -> tuple[Array, Array]:
+def _projected(run: Result) -> tuple[Array, Array]:
     """(C, T, M, 2) pixels as cameras record them, from the upper left, and (C, T, M) traces of their covariances."""
     markers, cameras = run.tracks, run.cameras
     shape = (len(cameras), *markers.status.shape)

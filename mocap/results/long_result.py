@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
@@ -17,18 +18,23 @@ from mocap.findings import over_blocks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles
 from mocap.pipeline.blocks import BLOCK, blocks_of, learn_excerpts, track_block
+from mocap.pipeline.cleaned import cleaned as found_by_cleaning
+from mocap.pipeline.decided import decided
 from mocap.pipeline.job import reported
-from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import counts, together
+from mocap.pipeline.report_part import Report
+from mocap.pipeline.result import Result
 from mocap.pipeline.tracking import still
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
+from mocap.recording import Recording
 from mocap.records import Status
 from mocap.results.blocks import BlockWriter
 from mocap.results.stored import write_arrays
 from mocap.results.tables import write_report
 from mocap.results.tracked import Tracked
 
+R = TypeVar("R", bound=Recording)
 OVERVIEW, DETAIL = 4000, 1500
 """Frames of the overview that the viewer shows and potentials are learned from, and of the stretch in the figures."""
 _OWN = ("limb", "x", "y", "sample", "angle", "segment", "energy", "pair", "reason")
@@ -73,8 +79,8 @@ def write_in_blocks(
 
     stages, n_frames = Stages(tell=progress), len(recording.t_s)
     every, sums, found_out = max(1, -(-n_frames // OVERVIEW)), None, []
-    thin: list[tuple[Recording, Recording]] = []
-    detail: tuple[int, Recording] | None = None
+    thin: list[tuple[Result, Recording]] = []
+    detail: tuple[int, Result] | None = None
     seen: list[int] = []
     scores: Mapping[str, Score] = {}
     models: Counter[str] = Counter()
@@ -118,11 +124,12 @@ def write_in_blocks(
         if detail is None or sums is None:
             raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
         with stages.stage("overview, potentials, figures"):
-            findings = (*recording.readings, *recording.findings, *over_blocks(found_out))
-            tracked, cleaned = (_joined([pair[i] for pair in thin]) for i in (0, 1))
-            cleaned = replace(cleaned, findings=findings)
+            tracked, cleaned = _joined([run for run, _ in thin]), _joined([one for _, one in thin])
+            told, runs = tuple(over_blocks(found_out)), {"swaps": (), "bad_cameras": (), "jumps": (), "stale": None}
+            found_of_all = decided(recording), replace(found_by_cleaning(cleaned), audited=(), told=told, **runs)
+            cleaned = cleaned.with_part(*found_of_all)
             data = tracked.data.assign_attrs(model=models.most_common(1)[0][0])
-            tracked = replace(tracked, data=data, findings=findings).with_motion(still(tracked.tracks))
+            tracked = replace(tracked, data=data).with_part(*found_of_all).with_motion(still(tracked.tracks))
             sums = {**sums, "blocks": {"frames": size, "every": every, "shown": len(tracked.t_s)}}
             sums["tracked"] = {"first": seen[0] + 1, "last": seen[-1]}
             tracked = reported(tracked, cleaned, why=why, scores=scores, stages=stages, whole=sums)
@@ -130,32 +137,32 @@ def write_in_blocks(
             write_arrays(tracked, folder)
             write_report(tracked, folder)
             write_recording(tracked, folder / "recording.rrd", every=every)
-            one = Tracked.of(replace(detail[1], report_text=tracked.report_text))
+            one = Tracked.of(detail[1].with_part(tracked[Report]))
             write_page(one, one.kinematics, cycles(one.kinematics, one.motion, one.skeleton), one.footfalls, folder)
     return tracked
 
 
-def _begun(rows: list[Cycle], run: Recording, own: slice) -> list[Cycle]:
+def _begun(rows: list[Cycle], run: Result, own: slice) -> list[Cycle]:
     """Cycles that begin in the block's own frames."""
     t_s = run.t_s
     end = t_s[own.stop] if own.stop < len(t_s) else np.inf
     return [row for row in rows if t_s[own.start] <= row.start_s < end]
 
 
-def _shown(run: Recording) -> Recording:
+def _shown(run: R) -> R:
     """What an overview shows, without velocities; copied, as a view would keep the whole block."""
     data = run.data.drop_dims([dim for dim in _OWN if dim in run.data.dims]).copy(deep=True)
-    return replace(run, data=data, swaps=(), bad_cameras=(), audited=(), stale=None)
+    return replace(run, data=data)
 
 
-def _joined(parts: Sequence[Recording]) -> Recording:
+def _joined(parts: Sequence[R]) -> R:
     """Parts of a recording, one after the other."""
     data = [part.data for part in parts]
     joined = xr.concat(data, dim="time", data_vars="minimal", coords="minimal", compat="override", join="override")
     return replace(parts[0], data=joined)
 
 
-def _better(best: tuple[int, Recording] | None, run: Recording) -> tuple[int, Recording]:
+def _better(best: tuple[int, Result] | None, run: Result) -> tuple[int, Result]:
     """The stretch of which most was measured: the middle of a block, if it has more than the one before."""
     n = len(run.t_s)
     start = max(0, (n - DETAIL) // 2)

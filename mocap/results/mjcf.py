@@ -19,7 +19,7 @@ from mocap.filters.bodies import UNKNOWN_KG, rod_masses
 from mocap.filters.body_axes import body_frames
 from mocap.filters.joint_types import Articulation, articulation
 from mocap.measures import AXES
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.records import Status
 
 
@@ -56,7 +56,7 @@ class FittedAnimal:
             places[joint.child] = vector
 
 
-def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
+def fitted_animal(run: Result, *, what: str) -> FittedAnimal:
     """The animal of a tracked recording.
 
     Raises:
@@ -90,7 +90,7 @@ def fitted_animal(run: Recording, *, what: str) -> FittedAnimal:
     )
 
 
-def mjcf_text(run: Recording) -> str:
+def mjcf_text(run: Result) -> str:
     """The animal in its mean pose: the trunk with a free joint, segments as capsules, joints, markers as sites.
 
     Segments of constant (median) length hang on each other by the joints that the samples need

@@ -13,7 +13,7 @@ from eal.arrays import Array
 from eal.systems import GRAVITY_M_S2
 from mocap.filters.joint_types import Articulation
 from mocap.measures import AXES
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.results.mjcf import fitted_animal, numbers, plain_name
 
 VERSION = "40500"
@@ -21,7 +21,7 @@ KINDS = {"ball": "BallJoint", "universal": "UniversalJoint", "hinge": "PinJoint"
 Element = ElementTree.Element
 
 
-def osim_text(run: Recording) -> str:
+def osim_text(run: Result) -> str:
     """The animal in its mean pose: the trunk with a free joint, segments of median length, joints, markers.
 
     The same animal as the MJCF file's (``mocap.results.mjcf``): its joints are those that the samples need, its masses

@@ -14,7 +14,7 @@ import numpy as np
 from eal.arrays import Array
 from eal.needs import MissingPackageError
 from mocap.errors import MocapError
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.records import MarkerTracks, Status
 from mocap.results.mjcf import plain_name
 
@@ -39,7 +39,7 @@ class BodyScale:
     spread: float
 
 
-def write_scaled_osim(run: Recording, generic: Path, folder: Path) -> dict[str, BodyScale]:
+def write_scaled_osim(run: Result, generic: Path, folder: Path) -> dict[str, BodyScale]:
     """Write ``scaled.osim`` and ``scale_factors.csv``.
 
     A body is scaled alike in all directions, by f = sum(m d) / sum(d d) over pairs of its markers, where d is their

@@ -2,36 +2,39 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from eal import load_potential
-from eal.archive import ArchiveError
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import MODELS, Lens
-from mocap.documents import from_json, regular_bytes
+from mocap.documents import from_json
 from mocap.errors import FormatError, beside
-from mocap.findings import Finding, Kind
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.io.tables import WORDS
-from mocap.joints import FRAMES
-from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.recording import Recording, with_variables
-from mocap.pipeline.variables import SIZES, VARIABLES, entry_of
+from mocap.json_records import AGAIN, plain, record
+from mocap.pipeline.cleaned import Cleaned
+from mocap.pipeline.decided import Decided
+from mocap.pipeline.model_choice import ModelChoice
+from mocap.pipeline.potentials import Potentials
+from mocap.pipeline.reading import in_arguments
+from mocap.pipeline.report_part import Report
+from mocap.pipeline.result import Result
+from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
-from mocap.results.earlier import EARLIER, earlier_record
+from mocap.results.earlier import EARLIER, WITHOUT_PARTS, earlier_parts, earlier_record
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
-from mocap.text import file_names
+from mocap.variables import SIZES, VARIABLES, entry_of
 
 INDIVIDUAL = "id_0"
 """The only animal of a recording, as movement names it."""
 
 
-def markers_dataset(run: Recording) -> xr.Dataset:
+def markers_dataset(run: Result) -> xr.Dataset:
     """Positions of all markers with their uncertainty and where each comes from.
 
     Variables, with the dimensions ``time`` (s), ``space`` (x, y, z), ``keypoint`` (markers) and ``individual``, as in
@@ -84,7 +87,7 @@ def markers_dataset(run: Recording) -> xr.Dataset:
     )
 
 
-def plane_dataset(run: Recording) -> xr.Dataset:
+def plane_dataset(run: Result) -> xr.Dataset:
     """As ``markers_dataset``, in x and y, in the unit of the plane."""
     assert run.plane is not None
     unit, factor = run.plane.unit, run.plane.per_m
@@ -94,14 +97,19 @@ def plane_dataset(run: Recording) -> xr.Dataset:
     return found.assign_attrs(space_unit=unit)
 
 
-FORMAT = "eal-mocap recording 1"
+FORMAT = "eal-mocap recording 2"
+PARTS: Mapping[str, type] = {
+    "decided": Decided,
+    "cleaned": Cleaned,
+    "model": ModelChoice,
+    "potentials": Potentials,
+    "report": Report,
+}
+"""Parts that are kept, by their names in the header, each after those that it depends on."""
 RECORDING, MARKERS, SKELETON = "recording.nc", "markers.nc", "skeleton.toml"
-PLANAR, SPATIAL = "potentials", "spatial_potentials"
-"""Folders of potentials in the planes of limbs, and in the three coordinates of the body."""
 LOOSE = ("point_covariance", "pair_covariance")
 """Not packed: in single precision they would hardly be smaller."""
 
-_AGAIN = "track again"
 _NEEDED = ("position", "covariance", "status", "repaired", "nis", "n_rows", "log_likelihood")
 _MOTION = ("point_position", "velocity", "point_covariance", "pairs", "pair_covariance", "velocity_change", "measured")
 _COORDINATES: Schema = {
@@ -122,21 +130,10 @@ _CAMERA: Schema = {
     "centre_px": Entry(shape=(2,), needed=False),
     "coefficients": Entry(shape=(None,), needed=False),
 }
-_FINDING: Schema = {
-    "kind": Entry(kind="s", words=tuple(Kind)),
-    "text": Entry(kind="s"),
-    "alarm": Entry(kind="b"),
-    "cameras": Entry(kind="s", shape=(None,)),
-    "markers": Entry(kind="s", shape=(None,)),
-    "frames": Entry(kind="i", shape=(None,)),
-    "mends": Entry(kind="s", shape=(None,), needed=False),
-}
-_POTENTIAL: Schema = {"frame": Entry(kind="s", words=FRAMES), "scale_m": Entry(least=POSITIVE)}
 
 
-def write_arrays(recording: Recording, folder: Path) -> None:
+def write_arrays(recording: Result, folder: Path) -> None:
     """Write what ``read_recording`` needs beside ``report.json`` and ``report.md``, and ``markers.nc`` for others."""
-    kinds = {PLANAR: recording.potentials, SPATIAL: recording.spatial_potentials}
     header = {
         "format": FORMAT,
         "name": recording.name,
@@ -146,24 +143,17 @@ def write_arrays(recording: Recording, folder: Path) -> None:
             {"name": c.name, "matrix": c.matrix.tolist(), "size_px": c.size_px} | _lens(c.lens)
             for c in recording.cameras
         ],
-        "findings": [one.as_json() for one in recording.findings],
-        "potentials": {
-            kind: {name: {"frame": p.frame, "scale_m": p.scale_m} for name, p in potentials.items()}
-            for kind, potentials in kinds.items()
-        },
+        "source": plain(recording.source.by_names()),
+        "parts": {name: recording[kind].to_file(folder) for name, kind in PARTS.items() if kind in recording},
     }
     data = recording.data.assign_attrs(header=json.dumps(header))
     (folder / RECORDING).write_bytes(as_netcdf(data, packed=True, loose=LOOSE))
     (folder / MARKERS).write_bytes(as_netcdf(markers_dataset(recording), packed=True))
     write_skeleton(folder / SKELETON, recording.skeleton)
-    for kind, potentials in kinds.items():
-        for name, potential in zip(file_names(potentials), potentials.values(), strict=True):
-            (folder / kind).mkdir(exist_ok=True)
-            potential.potential.save(folder / kind / f"{name}.npz")
 
 
-def read_recording(folder: Path) -> Recording:
-    """Read what ``write_arrays`` wrote, of this version or the one before; all but movies.
+def read_recording(folder: Path) -> Result:
+    """Read what ``write_arrays`` wrote, of this version or those before (``mocap.results.earlier``); all but movies.
 
     Raises:
         FormatError: the folder holds no result, or one of another version.
@@ -179,15 +169,17 @@ def read_recording(folder: Path) -> Recording:
             )
     path = folder / (EARLIER if early else RECORDING)
     if early:
-        found, header = earlier_record(folder, again=_AGAIN)
+        found, header = earlier_record(folder, again=AGAIN)
     else:
-        found = read_netcdf(path, again=_AGAIN)
+        found = read_netcdf(path, again=AGAIN)
         header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
         format = header.get("format") if isinstance(header, dict) else header
-        if format != FORMAT:
+        if format not in (FORMAT, WITHOUT_PARTS):
             raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
+        early = format == WITHOUT_PARTS
+    header |= earlier_parts(header, folder) if early else {}
     where = f"{path}: header"
-    entries = checked(where, header, _HEADER, again=_AGAIN)
+    entries = checked(where, header, _HEADER, again=AGAIN)
     cameras = tuple(
         Camera(
             name=c["name"][()],
@@ -195,32 +187,43 @@ def read_recording(folder: Path) -> Recording:
             lens=_lens_of(c, where),
             size_px=tuple(c["size_px"].tolist()) if "size_px" in c else None,
         )
-        for c in tables(f"{where}: cameras", header.get("cameras"), _CAMERA, again=_AGAIN)
+        for c in tables(f"{where}: cameras", header.get("cameras"), _CAMERA, again=AGAIN)
     )
     data = _data(path, found)
     if cameras and (data.sizes.get("view") != len(cameras) or not {"ideal", "reprojected", "used"} <= set(data)):
-        raise FormatError(f"{path}: has not the pixels of its {len(cameras)} cameras: {_AGAIN}")
+        raise FormatError(f"{path}: has not the pixels of its {len(cameras)} cameras: {AGAIN}")
     skeleton = read_skeleton(folder / SKELETON).for_markers(tuple(data["keypoint"].values), source=path.name)
     joints = [joint.name for joint in skeleton.joints]
     if joints != (data["joint"].values.tolist() if "joint" in data.coords else []):
-        raise FormatError(f"{folder / SKELETON}: has other joints than {path.name}: {_AGAIN}")
-    report = from_json(_text(folder / "report.json"), str(folder / "report.json"))
-    if not isinstance(report, dict):
-        raise FormatError(f"{folder / 'report.json'}: is no report, which is a table: {_AGAIN}")
-    potentials = {kind: _potentials_of(folder, kind, where, header, joints) for kind in (PLANAR, SPATIAL)}
-    return Recording(
+        raise FormatError(f"{folder / SKELETON}: has other joints than {path.name}: {AGAIN}")
+    found_parts = _parts(header.get("parts"), folder, f"{where}: parts")
+    known = found_parts.get(Potentials)
+    if known is not None and not {*known.planar, *known.spatial} <= set(joints):  # type: ignore[attr-defined]
+        raise FormatError(f"{where}: has potentials of joints that {SKELETON} has not: {AGAIN}")
+    source = record(Source, header.get("source"), f"{where}: source")
+    return Result(
         name=entries["name"][()],
         data=data.assign_attrs(model=entries["model"][()], y_up=int(entries["y_up"])),
         skeleton=skeleton,
         cameras=cameras,
-        cleaned=True,
-        findings=_findings(where, header),
-        potentials=potentials[PLANAR],
-        spatial_potentials=potentials[SPATIAL],
-        report=report,
-        report_text=_text(folder / "report.md"),
-        folder=folder,
+        source=replace(source, folder=folder),
+        parts=found_parts,
     )
+
+
+def _parts(found: Any, folder: Path, where: str) -> dict[type, Part]:
+    """What each step found.
+
+    Raises:
+        FormatError: a part is not as it was written.
+    """
+    if not isinstance(found, dict) or not found.keys() <= PARTS.keys():
+        raise FormatError(f"{where}: expected a table of {', '.join(PARTS)}: {AGAIN}")
+    there = {name: kind for name, kind in PARTS.items() if name in found}
+    parts = {kind: kind.of_file(found[name], folder, f"{where}: {name}") for name, kind in there.items()}
+    if isinstance(report := parts.get(Report), Report):
+        parts[Report] = replace(report, text=in_arguments(report.text))
+    return parts
 
 
 def _data(path: Path, found: xr.Dataset) -> xr.Dataset:
@@ -231,33 +234,18 @@ def _data(path: Path, found: xr.Dataset) -> xr.Dataset:
     """
     sizes = dict(SIZES)
     empty = {name: found[name].astype(object) for name in _COORDINATES if name in found and not found[name].size}
-    coordinates = variables(str(path), found.assign_coords(empty), _COORDINATES, sizes=sizes, again=_AGAIN)
+    coordinates = variables(str(path), found.assign_coords(empty), _COORDINATES, sizes=sizes, again=AGAIN)
     there = [name for name in VARIABLES if name in found or name in (*_NEEDED, *_MOTION)]
-    values = variables(str(path), found, {name: entry_of(name) for name in there}, sizes=sizes, again=_AGAIN)
+    values = variables(str(path), found, {name: entry_of(name) for name in there}, sizes=sizes, again=AGAIN)
     values["status"] = values["status"].astype(np.int8)
     for name in LOOSE:  # velocities may be unknown where positions are not
         parts = {f"{name}[{i}, {j}]": values[name][..., i : i + 3, j : j + 3] for i in (0, 3) for j in (0, 3)}
-        checked(str(path), parts, dict.fromkeys(parts, Entry(shape=(None, None, 3, 3), missing=2)), again=_AGAIN)
+        checked(str(path), parts, dict.fromkeys(parts, Entry(shape=(None, None, 3, 3), missing=2)), again=AGAIN)
     attrs = {name: found.attrs[name] for name in ("fps", "space_unit", "format") if name in found.attrs}
     kept = {name: ("time" if name == "frame" else name, values) for name, values in coordinates.items()}
     data = with_variables(xr.Dataset(coords=kept, attrs=attrs), values)
     data["time"].attrs["units"] = "s"
     return data
-
-
-def _findings(where: str, header: Mapping[str, Any]) -> tuple[Finding, ...]:
-    every = header.get("findings", [])
-    found = tables(f"{where}: findings", every, _FINDING, again=_AGAIN)
-    return tuple(
-        Finding(
-            kind=Kind(one["kind"][()]),
-            text=one["text"][()],
-            alarm=bool(one["alarm"]),
-            numbers=raw["numbers"] if isinstance(raw.get("numbers"), dict) else {},
-            **{part: tuple(one[part].tolist()) for part in ("cameras", "markers", "frames", "mends") if part in one},
-        )
-        for one, raw in zip(found, every, strict=True)
-    )
 
 
 def _lens(lens: Lens | None) -> dict[str, Any]:
@@ -278,42 +266,6 @@ def _lens_of(entries: Mapping[str, Any], where: str) -> Lens | None:
         return None
     model = MODELS[entries["lens"][()]]
     if any(part is None for part in parts) or len(parts[2]) != model.n_coefficients:  # type: ignore[arg-type]
-        raise FormatError(
-            f"{where}: cameras: a {model.model} lens has not its {model.n_coefficients} numbers: {_AGAIN}"
-        )
+        raise FormatError(f"{where}: cameras: a {model.model} lens has not its {model.n_coefficients} numbers: {AGAIN}")
     f_px, centre_px, coefficients = (part.tolist() for part in parts)  # type: ignore[union-attr]
     return model.of(f_px, centre_px, coefficients)
-
-
-def _potentials_of(
-    folder: Path, kind: str, where: str, header: Mapping[str, Any], joints: list[str]
-) -> dict[str, JointPotential]:
-    """The potentials of a kind."""
-    every = header.get("potentials")
-    found = every.get(kind) if isinstance(every, dict) else None
-    if not isinstance(found, dict) or not found.keys() <= set(joints):
-        raise FormatError(f"{where}: potentials: {kind}: expected a table by names of joints: {_AGAIN}")
-    out, wanted = {}, 2 if kind == PLANAR else 3
-    for (name, one), file in zip(found.items(), file_names(found), strict=True):
-        entries = checked(f"{where}: potentials: {kind}: {name}", one, _POTENTIAL, again=_AGAIN)
-        try:
-            potential = load_potential(folder / kind / f"{file}.npz")
-        except ArchiveError as error:
-            raise FormatError(f"{error}: {_AGAIN}") from None
-        if potential.dimension != wanted:
-            raise FormatError(
-                f"{folder / kind / file}.npz: has {potential.dimension} coordinates, expected {wanted}: {_AGAIN}"
-            )
-        scale_m = float(entries["scale_m"])
-        samples_m = scale_m * potential.samples
-        out[name] = JointPotential(
-            joint=name, frame=entries["frame"][()], scale_m=scale_m, samples_m=samples_m, potential=potential
-        )
-    return out
-
-
-def _text(path: Path) -> str:
-    try:
-        return regular_bytes(path).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise FormatError(f"{path}: is no text ({error}): {_AGAIN}") from None

@@ -19,7 +19,7 @@ from mocap.kinematics.extremes import cycle_statistics
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.reading import in_options
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.records import MarkerTracks
 from mocap.results.stored import plane_dataset, write_arrays
 
@@ -30,7 +30,7 @@ ENERGIES = ("energy_j", "v_z", "v_z_bound")
 """Columns of a Lagrangian."""
 
 
-def write_run(run: Recording, folder: Path, *, write_recording: Callable[[Recording, Path], None] | None) -> None:
+def write_run(run: Result, folder: Path, *, write_recording: Callable[[Result, Path], None] | None) -> None:
     """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``."""
     write_arrays(run, folder)
     write_markers(run.tracks, run.repaired, folder / "markers.csv")
@@ -43,7 +43,7 @@ def write_run(run: Recording, folder: Path, *, write_recording: Callable[[Record
         write_recording(run, folder / "recording.rrd")
 
 
-def write_plane(run: Recording, folder: Path) -> None:
+def write_plane(run: Result, folder: Path) -> None:
     """Write ``markers.csv``, ``markers.nc``, ``report.json`` and ``report.md``.
 
     ``markers.csv`` has a row a frame: ``frame``, ``t_s``, then ``<name>_x, _y, _sd`` and ``_origin`` a marker, in
@@ -57,7 +57,7 @@ def write_plane(run: Recording, folder: Path) -> None:
     write_report(run, folder)
 
 
-def write_report(run: Recording, folder: Path) -> None:
+def write_report(run: Result, folder: Path) -> None:
     """``report.json`` and ``report.md``."""
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(in_options(run.report_text), encoding="utf-8")
@@ -84,7 +84,7 @@ def write_positions(
     write_columns(path, markers.t_s, columns)
 
 
-def write_joints(run: Recording, path: Path) -> None:
+def write_joints(run: Result, path: Path) -> None:
     """A row a frame: ``frame``, ``t_s``, then ``<joint>_<frame>_x, _y[, _z]`` and ``<joint>_sd`` in metres."""
     columns = {}
     for i, joint in enumerate(j.name for j in run.skeleton.joints):

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
@@ -27,10 +27,12 @@ from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.recording import Recording, as_recording
+from mocap.pipeline.report_part import Report
+from mocap.pipeline.result import Result, rate_points
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
+from mocap.recording import Recording, as_recording
 from mocap.records import Status
 from mocap.results.blocks import is_long, load_range
 from mocap.results.cycle_table import CycleTable, cycle_table
@@ -105,13 +107,8 @@ def _write_kinematics(result: "Tracked", folder: Path, pictures: bool, *, progre
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracked(Recording):
+class Tracked(Result):
     """A recording that was tracked: the same record, with what is computed of it, drawn, and written."""
-
-    @classmethod
-    def of(cls, recording: Recording) -> "Tracked":
-        """The same recording, which ``run_job`` tracked."""
-        return cls(**{one.name: getattr(recording, one.name) for one in fields(recording)})
 
     @cached_property
     def markers(self) -> xr.Dataset:
@@ -185,7 +182,7 @@ class Tracked(Recording):
         """
         with result_folder(Path(folder), "track", replace=overwrite) as stage:
             self.write(stage)
-        return replace(self, folder=Path(folder))
+        return replace(self, source=replace(self.source, folder=Path(folder)))
 
     def write(self, folder: Path, *, progress: Tell = silent, pictures: bool = True) -> None:
         """Write the files of ``save`` into an empty folder, as ``mocap.io.output.result_folder`` gives it.
@@ -335,11 +332,11 @@ class Tracked(Recording):
         """
         checked = skeleton.for_markers(self.names, source=self.name)
         found = replace(self, skeleton=checked)
-        return Tracked.of(found.with_motion(with_means(self.motion, found.rate_points)))
+        return found.with_motion(with_means(self.motion, rate_points(found)))
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""
-        return replace(self, report_text=self.report_text + text)
+        return self.with_part(replace(self[Report], text=self.report_text + text))
 
     def with_video(
         self,

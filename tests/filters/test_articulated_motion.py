@@ -22,7 +22,7 @@ from docs.tools.columns import undocumented
 from mocap.errors import MocapError
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
-from mocap.pipeline.recording import of_points
+from mocap.recording import of_points
 from mocap.records import PARTS, MarkerTracks, Status
 from mocap.results.stored import read_recording
 from mocap.results.tables import write_run

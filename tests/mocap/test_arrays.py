@@ -1,7 +1,6 @@
 """Recordings of numbers in memory: the same as those of files, and wrong arguments say what is expected."""
 
 import shutil
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,6 +15,7 @@ from mocap.io.movement import write_movement
 from mocap.io.netcdf import read_netcdf
 from mocap.io.registry import read as read_file
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.decided import Decided
 from mocap.skeleton import Bone, Joint, write_skeleton
 from mocap.skeleton_files import read_skeleton
 
@@ -57,7 +57,7 @@ def same(one, other, rtol=1e-9):
 
 def alike(one, other, rtol=1e-9):
     """Whether two recordings of pixels are the same before they are cleaned: clicks, lenses and projections."""
-    assert (one.names, one.unit or "m", one.rows.pixels) == (other.names, other.unit or "m", other.rows.pixels)
+    assert (one.names, one[Decided].rows.pixels) == (other.names, other[Decided].rows.pixels)
     np.testing.assert_array_equal(one.data["pixels"], other.data["pixels"])
     assert [camera.lens for camera in one.cameras] == [camera.lens for camera in other.cameras]
     np.testing.assert_allclose(one.matrices, other.matrices, rtol=rtol, atol=1e-9)
@@ -83,7 +83,7 @@ def test_tables_and_datasets_are_the_arrays_they_hold(xyz, tmp_path):
     timed = flat.assign(t_s=np.arange(len(xyz)) / FPS, comment="seen")
     found = mocap.from_arrays(timed, unit="mm")
     same(found, want)
-    assert "columns that are not used: comment" in found.unusual
+    assert "columns that are not used: comment" in found.source.unusual
     leveled = pd.DataFrame(xyz.reshape(len(xyz), -1), columns=pd.MultiIndex.from_tuples(columns))
     same(mocap.from_arrays(leveled, fps=FPS, unit="mm"), want)
     other = mocap.from_arrays(flat[reversed(flat.columns)], names=NAMES[::-1], fps=FPS, unit="mm")
@@ -108,7 +108,8 @@ def test_pixels_in_memory_are_those_of_files(bat):
     alike(mocap.from_pixels(read.pixels.uv_px, files["coefficients"], **stated), plain)
     shrunk = [Camera(name=c.name, matrix=c.matrix @ np.diag([1e-3, 1e-3, 1e-3, 1]), lens=c.lens) for c in lenses]
     found = mocap.from_pixels(read.pixels.uv_px, shrunk, **{**stated, "unit": "mm"})
-    alike(replace(found, unit="m"), of_cameras)
+    assert (found[Decided].unit, found[Decided].unit_from) == ("mm", "file")
+    alike(found, of_cameras)
     assert recording.fps
 
 

@@ -9,6 +9,7 @@ import pytest
 from mocap.audit.inspect import inspect, readable
 from mocap.io.dltdv import write_coefficients, write_pixels
 from mocap.io.format import Hints
+from mocap.pipeline.cleaned import Cleaned
 from mocap.pipeline.cleaning import clean as cleaned
 from mocap.pipeline.reading import read
 from mocap.records import PixelTracks
@@ -61,7 +62,7 @@ def test_a_fault_is_told_by_info_and_by_tracking(files, spoil, kind, says):
     tracks, coefficients = files(spoil)
     prepared = cleaned(read(tracks, calibration=coefficients, fps=200.0))
     assert any(says in finding.text for finding in prepared.findings)
-    assert any(f.kind == kind and f.alarm for f in prepared.audited)
+    assert any(f.kind == kind and f.alarm for f in prepared[Cleaned].audited)
     untouched = inspect(files(), Hints())[0]
     assert not [f for f in untouched["audit"] if f["alarm"]]
 

@@ -24,8 +24,8 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.job import track_part
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.recording import Recording, of_points
 from mocap.pipeline.tracking import learn_motion, seen_part
+from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording
 from mocap.results.blocks import load_range

@@ -235,7 +235,7 @@ def test_the_report_says_how_calibration_and_profile_were_read(tmp_path):
         profile=spreadsheet(tmp_path / "p.csv", "semicolons", lenses, titles=False),
     )
     np.testing.assert_array_equal(got.ideal_px, want.ideal_px)
-    assert [said.text.partition(" and ")[0] for said in got.readings if "separated" in said.text] == [
+    assert [said.text.partition(" and ")[0] for said in got.findings if "separated" in said.text] == [
         "c.csv: cells are separated by semicolons", "p.csv: cells are separated by semicolons",
     ]  # fmt: skip
-    assert not [said for said in want.readings if "separated" in said.text]
+    assert not [said for said in want.findings if "separated" in said.text]

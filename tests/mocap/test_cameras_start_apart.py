@@ -9,6 +9,7 @@ from mocap.audit.offsets import moved, offset_findings, start_offsets
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError
+from mocap.pipeline.decided import Decided
 from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.records import PixelTracks
 
@@ -71,4 +72,4 @@ def test_a_recording_that_starts_apart_is_refused_with_the_lags_and_tracked_when
         of_pixels(pixels, cameras, name="bat")
     found = of_pixels(pixels, cameras, name="bat", options=PixelOptions(correct_lag=True))
     np.testing.assert_allclose(found.late_frames - found.late_frames[0], STARTS, atol=0.1)
-    assert found.rows.residual_px < 1
+    assert found[Decided].rows.residual_px < 1

@@ -32,7 +32,7 @@ def test_a_kind_is_known_by_its_words_and_others_are_refused():
 
 def test_the_worst_comes_first():
     """All results wrong, then samples, then intervals, then notes; alike ones in their order."""
-    kinds = Kind.READING, Kind.PIXEL_NOISE, Kind.JUMP, Kind.UNITS, Kind.BAD_CAMERA, Kind.DISTORTION
+    kinds = Kind.READING, Kind.QUANTISED_PIXELS, Kind.JUMP, Kind.UNITS, Kind.BAD_CAMERA, Kind.DISTORTION
     found = [Finding(kind=kind, alarm=kind.harm > Harm.NOTHING, text=kind) for kind in kinds]
     assert [f.kind for f in worst_first(found)] == [kinds[i] for i in (3, 5, 2, 4, 1, 0)]
     assert alarms(found) == worst_first(found)[:-1]

@@ -12,9 +12,10 @@ from mocap.cameras.lens_of_tracks import lens_of_tracks
 from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError
 from mocap.pipeline.cleaning import clean as cleaned
+from mocap.pipeline.decided import Decided
 from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import lasting_cov
+from mocap.recording import Recording
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
 from tests.mocap.rigs import cloud, ring
@@ -58,7 +59,7 @@ def inside(found: Recording, truth: np.ndarray) -> tuple[float, float]:
 def test_an_estimated_lens_brings_positions_back(bat):
     """The coefficient within 3 of its deviations of -0.14; errors a third of before at most; intervals hold."""
     without, with_lens, truth = bat
-    found = with_lens.lens
+    found = with_lens[Decided].lens
     assert found is not None
     assert (np.abs(found.k1 + 0.14) < 3 * found.sd).all()
     assert found.after_px < found.before_px

@@ -11,9 +11,10 @@ from mocap.audit import alarms, audit_filmed, audit_recording, jump_findings
 from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.io.contents import FileContents
+from mocap.pipeline.cleaned import Cleaned
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_points
 from mocap.pipeline.tracking import jump_cov
+from mocap.recording import of_points
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
 
@@ -94,7 +95,7 @@ def test_a_gap_across_a_jump_is_not_filled_with_confidence():
     line = np.array([np.interp(np.arange(200), np.r_[:99, 100:200], np.delete(x, 99)) for x in xyz[:, marker].T])
     filled = xyz.copy()
     filled[:, marker] = line.T
-    sd = np.sqrt(np.diagonal(jump_cov(prepared.jumps, filled, origin), axis1=-2, axis2=-1))
+    sd = np.sqrt(np.diagonal(jump_cov(prepared[Cleaned].jumps, filled, origin), axis1=-2, axis2=-1))
     before, after = bat.truth.xyz_m[99:100, marker], bat.truth.xyz_m[99:100, marker] + [0.203, 0, 0]
     for place in (before, after):
         assert (np.abs(filled[99:100, marker] - place)[:, 0] < 2 * sd[99:100, marker, 0]).all()

@@ -13,8 +13,8 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.model_file import save_model
 from mocap.pipeline.reading import read
-from mocap.pipeline.recording import of_points
 from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.recording import of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 from tests.filters.small_model import small_model

@@ -28,8 +28,8 @@ from mocap.pipeline.cleaning import clean
 from mocap.pipeline.learning import _told_apart, readable_scores
 from mocap.pipeline.model_file import load_model, save_model
 from mocap.pipeline.reading import read
-from mocap.pipeline.recording import of_points
 from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.recording import Source, of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton, write_skeleton
 from tests.real_data import real
@@ -203,7 +203,7 @@ def test_recordings_of_one_name_are_told_apart():
     """By their folders, as trials of a season often have the name of the camera alone."""
     one = from_arrays(np.zeros((3, 2, 3)), names=["a", "b"], fps=100, unit="m")
     named = [("bat", Path("monday/bat.csv")), ("bat", Path("tuesday/bat.csv")), ("cat", Path("cat.csv")), ("bat", None)]
-    told = _told_apart([replace(one, name=name, file=file) for name, file in named])
+    told = _told_apart([replace(one, name=name, source=Source(file=file)) for name, file in named])
     assert [one.name for one in told] == ["monday/bat", "tuesday/bat", "cat", "bat"]
 
 

@@ -17,8 +17,8 @@ import mocap
 from docs.tools import columns
 from mocap.cli.main import main
 from mocap.io.registry import read as read_file
-from mocap.pipeline.variables import VARIABLES
 from mocap.rerun.palette import depth
+from mocap.variables import VARIABLES
 
 FRAMES = 120
 

@@ -10,6 +10,7 @@ import mocap
 from mocap.cameras.camera import project, stacked
 from mocap.cleaning.likelihoods import likelihood_noise
 from mocap.io.anipose import write_calibration
+from mocap.pipeline.cleaned import Cleaned
 from mocap.pipeline.cleaning import clean
 
 SD_PX = 1.0
@@ -142,7 +143,7 @@ def test_a_recording_is_better_for_its_likelihoods(clicked, tmp_path):
     off = {name: np.linalg.norm(p.xyz_m - truth, axis=-1) for name, p in told.items()}
     both = np.isfinite(off["a"]) & np.isfinite(off["b"])
     assert np.quantile(off["a"][both], 0.9) < 0.9 * np.quantile(off["b"][both], 0.9)
-    assert told["a"].jitter_px == pytest.approx(SD_PX, rel=0.15)  # of usual clicks; 1.8 px over all
+    assert told["a"][Cleaned].jitter_px == pytest.approx(SD_PX, rel=0.15)  # of usual clicks; 1.8 px over all
     sd = np.sqrt(np.diagonal(told["a"].cov_m2, axis1=-2, axis2=-1))
     known = np.isfinite(sd)
     inside = np.abs(told["a"].xyz_m - truth)[known] <= 1.959964 * sd[known]

@@ -10,7 +10,7 @@ from eal.sums import total
 from mocap.errors import MocapError
 from mocap.pipeline.job import run_job
 from mocap.pipeline.many import learn_joints
-from mocap.pipeline.recording import of_points
+from mocap.recording import of_points
 from mocap.records import marker_tracks
 from mocap.results.stored import write_arrays
 from mocap.skeleton import Joint, Skeleton

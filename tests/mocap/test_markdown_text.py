@@ -11,7 +11,9 @@ from mocap.filters.models.registry import NAMED
 
 from mocap.calibration.calibration_files import table
 from mocap.findings import readings
+from mocap.pipeline.cleaned import Cleaned
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.model_choice import ModelChoice
 from mocap.pipeline.reading import read
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
@@ -76,11 +78,14 @@ def test_a_report_of_hostile_names(tmp_path):
     prepared = clean(source)
     names = tuple(f"{HOSTILE[m % len(HOSTILE)]} {m}" for m in range(len(prepared.names)))
     data = prepared.data.assign_coords(keypoint=list(names))
-    prepared = replace(prepared, data=data, findings=(*readings(HOSTILE), *prepared.findings))
+    found_out = prepared[Cleaned]
+    told = (*readings(HOSTILE), *found_out.told)
+    prepared = replace(prepared, data=data).with_part(replace(found_out, told=told))
     part = seen_part(prepared)
     model = learn_motion(part, NAMED["constant_velocity"].settings)
     tracked = with_track(prepared, part, "constant_velocity", track(part, model))
-    report = make_report(prepared, tracked, {}, why_model="a|b", validation={}, seconds={})
+    tracked = tracked.with_part(ModelChoice(why="a|b"))
+    report = make_report(prepared, tracked, seconds={})
     numbers = ("samples", "effective_rank", "v_at_samples_median", "width", "lambda", "weight")
     report["joints"] = {name: dict.fromkeys(numbers, 1.0) | {"metric": "whitened"} for name in HOSTILE}
     markdown = readable(report, title="<b>*x*|y")

@@ -8,8 +8,8 @@ from mocap.filters.observe import Observed
 from mocap.filters.records import Estimate
 
 from mocap.pipeline.cleaning import clean
-from mocap.pipeline.recording import of_points
 from mocap.pipeline.tracking import moved_report, seen_part, with_track
+from mocap.recording import of_points
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
 

@@ -3,7 +3,6 @@
 import inspect
 import re
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from mocap.cli.console import option_names
 from mocap.cli.main import app, main
 from mocap.cli.options import RecordingOptions, with_records
 from mocap.pipeline.reading import OPTIONS
+from mocap.pipeline.report_part import Report
 from mocap.text import with_options
 
 ROWS = "a_x,a_y,a_z\n" + "\n".join(f"{i},{i},{i}" for i in range(9)) + "\n"
@@ -67,7 +67,7 @@ def test_files_of_a_result_name_options(tmp_path):
     result = mocap.track(mocap.from_arrays(xyz, names=["a", "b"], fps=100), model="constant_velocity", validate=False)
     said = "cam2 is late: not corrected; `correct_lag` does; `rerun` shows it"
     report = {**result.report, "wrong": [said], "findings": [said]}
-    result = replace(result, report=report).with_report(f"\n- {said}\n")
+    result = result.with_part(Report(numbers=report, text=result.report_text)).with_report(f"\n- {said}\n")
     result.save(tmp_path / "out")
     assert "`correct_lag`" in result.report_text
     for page in ("report.md", "report.html"):

@@ -11,11 +11,11 @@ from mocap.pipeline import blocks, learning, potentials, sentences
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.pipeline.propose_measures import _swing, cycle_frames, stands
-from mocap.pipeline.recording import of_points
 from mocap.pipeline.retrack import tracked_again
 from mocap.pipeline.summary import Expected
 from mocap.pipeline.tracking import moved
 from mocap.pipeline.two_rays import Disagreement, _wrong_rays, disagreements
+from mocap.recording import of_points
 from mocap.records import PixelTracks, Status, marker_tracks
 from mocap.skeleton import Skeleton
 from tests.mocap.rigs import ring

@@ -15,6 +15,7 @@ from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.decided import Decided
 from mocap.pipeline.reading import of_session, read
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
@@ -145,15 +146,17 @@ def test_files_of_one_session_decide_together(tmp_path):
     for order in (made, made[::-1]):
         clear, doubtful = of_session(order)
         assert (clear.name, doubtful.name) == ("clear", "doubtful")
-        assert doubtful.rows.pixels == clear.rows.pixels == "upper-left"
-        assert str(doubtful.findings[0]) == "pixel origin upper-left, as in the other recordings of this session"
+        assert doubtful[Decided].rows.pixels == clear[Decided].rows.pixels == "upper-left"
+        assert (
+            str(doubtful[Decided].of_pixels[0]) == "pixel origin upper-left, as in the other recordings of this session"
+        )
 
 
 def test_our_own_recordings_carry_their_corner(tmp_path):
     """A bat whose pixels fit both ways up: refused without its card, read from the upper left with it."""
     files = write_recording(make_bat(seed=0, n_frames=60, manoeuvre="turn"), tmp_path)
     stated = {"fps": 240, "calibration": files["coefficients"], "profile": files["profile"]}
-    assert read(files["pixels"], **stated).rows.pixels == "upper-left"
+    assert read(files["pixels"], **stated)[Decided].rows.pixels == "upper-left"
     files["card"].unlink()
     with pytest.raises(OriginError, match="the pixel origin cannot be determined"):
         read(files["pixels"], **stated)
@@ -164,11 +167,11 @@ def test_reading_decides_and_cleaning_does_not(tmp_path, monkeypatch):
     files = write_recording(make_bat(seed=0, n_frames=60), tmp_path)
     stated = {"fps": 240, "calibration": files["coefficients"], "profile": files["profile"]}
     recording = read(files["pixels"], **stated)
-    assert recording.rows.pixels == "upper-left"
+    assert recording[Decided].rows.pixels == "upper-left"
     assert recording.values("ideal").shape == recording.values("pixels").shape
     assert "pixel origin upper-left" in repr(recording)
     monkeypatch.setattr("mocap.pipeline.ideal_pixels.decide_origin", lambda *_: pytest.fail("decided again"))
-    assert clean(recording).rows == recording.rows
+    assert clean(recording)[Decided].rows == recording[Decided].rows
 
 
 def test_a_calibration_that_does_not_fit_is_refused_by_read(tmp_path):

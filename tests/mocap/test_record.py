@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from mocap.datasets import make_bat
 
 import mocap
 from mocap.errors import MocapError
-from mocap.pipeline.variables import VARIABLES
+from mocap.pipeline.cleaned import SINCE_CLEAN, Cleaned, written
 from mocap.records import Status
+from mocap.variables import VARIABLES
 
 
 def wrong_at(film):
@@ -42,6 +44,25 @@ def test_each_step_adds_the_variables_that_are_declared(bat):
     declared(done)
     assert set(bat.data.data_vars) == {"pixels", "ideal"}, "the first one stays as it was"
     assert mocap.clean(done) is done
+
+
+def test_all_that_is_declared_since_clean_is_written_at_once(bat):
+    """By the one writer: what it is given makes the recording that ``clean`` gives, and nothing may be left out."""
+    done = mocap.clean(bat)
+    given = {name: done.data[name].values for name in SINCE_CLEAN & {*done.data} - {"rejected", "repaired"}}
+    positions = {name: done.data[name].values for name in ("position", "covariance", "ideal")}
+    again = written(bat, done[Cleaned], rejected=done.rejected, **given, **positions)
+    xr.testing.assert_identical(again.data, done.data[list(again.data)])
+    assert set(again.data) == set(done.data)
+    for name in given:
+        rest = {other: values for other, values in given.items() if other != name}
+        with pytest.raises(ValueError, match=f"^{name} is missing"):
+            written(bat, Cleaned(), rejected=done.rejected, **positions, **rest)
+    with pytest.raises(ValueError, match=r"^rejected is missing"):
+        written(bat, Cleaned(), **positions, **given)
+    for name in ("status", "repaired", "nis"):
+        with pytest.raises(ValueError, match=f"{name}: follows from the rest, or is not written by cleaning"):
+            written(done, done[Cleaned], **{name: np.zeros(3)})
 
 
 def test_what_is_not_believed_says_so_and_why(bat):
@@ -80,8 +101,6 @@ def test_positions_are_cleaned_too():
 
 def test_a_dataset_is_written_and_read_by_xarray(bat, tmp_path):
     """No private writer: NetCDF as xarray makes it, with every variable."""
-    import xarray as xr
-
     done = mocap.clean(bat)
     done.data.to_netcdf(tmp_path / "clean.nc")
     with xr.open_dataset(tmp_path / "clean.nc") as back:

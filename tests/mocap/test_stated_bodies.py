@@ -88,7 +88,7 @@ def test_bodies_of_qualisys(tmp_path, made, numbered):
     assert np.isnan(read(files[1]).tables["transforms"][5, 0]).all()
     found = mocap.read(files)
     assert found.skeleton.bodies == MEMBERS
-    shown = np.array([found.bodies["trunk"][name] for name in MEMBERS["trunk"]])
+    shown = np.array([found.source.bodies["trunk"][name] for name in MEMBERS["trunk"]])
     np.testing.assert_allclose(shown, places[4:], atol=1e-4)
     if not numbered:
         return
@@ -156,7 +156,7 @@ def test_bodies_of_xmalab(tmp_path, made):
     assert found.skeleton.bodies == MEMBERS
     for body, part in (("head", slice(0, 4)), ("trunk", slice(4, 9))):
         expected = places[part] if body == "trunk" else (places[part] - 0.01 * within[:3, 3]) @ within[:3, :3]
-        np.testing.assert_allclose([*found.bodies[body].values()], expected, atol=1e-4)
+        np.testing.assert_allclose([*found.source.bodies[body].values()], expected, atol=1e-4)
     acs.rename(tmp_path / "Cranium_acs_tm.csv")
     with pytest.raises(FormatError, match=r"rename it after its rigid body \(head_acs_tm\.csv, trunk_acs_tm\.csv\)"):
         mocap.read([points, rigid, tmp_path / "Cranium_acs_tm.csv"], fps=100, unit="cm")

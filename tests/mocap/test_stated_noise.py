@@ -9,6 +9,7 @@ from mocap.datasets import make_bat, write_recording
 
 from mocap.findings import Kind
 from mocap.io.dltdv import read_points
+from mocap.pipeline.cleaned import Cleaned
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.tracking import marker_trial, seen_part
@@ -30,6 +31,10 @@ def source(tmp_path_factory):
     )
 
 
+def stating_it(source, pixel_sd):
+    return replace(source, source=replace(source.source, pixel_sd=pixel_sd))
+
+
 @pytest.fixture(scope="module")
 def plain(source):
     return clean(source)
@@ -38,20 +43,20 @@ def plain(source):
 @pytest.fixture(scope="module")
 def stating(source):
     """The recording cleaned with a stated noise, once for each."""
-    return cache(lambda stated: clean(replace(source, pixel_sd=stated)))
+    return cache(lambda stated: clean(stating_it(source, stated)))
 
 
 @pytest.mark.parametrize("stated", [0.01, 0.9])
 def test_intervals_follow_what_is_stated_and_nothing_else_does(stating, plain, stated):
     """Below what the rays show: the same points, samples and names; every deviation times stated over shown."""
     found = stating(stated)
-    ratio = stated / plain.jitter_px
+    ratio = stated / plain[Cleaned].jitter_px
     np.testing.assert_array_equal(found.xyz_m, plain.xyz_m)
     np.testing.assert_array_equal(found.rays_rejected, plain.rays_rejected)
     for reason, mask in plain.rejected.items():
         np.testing.assert_array_equal(found.rejected[reason], mask)
-    assert [(s.a, s.b, s.camera) for s in found.swaps] == [(s.a, s.b, s.camera) for s in plain.swaps]
-    assert found.jitter_px == stated
+    assert [(s.a, s.b, s.camera) for s in found[Cleaned].swaps] == [(s.a, s.b, s.camera) for s in plain[Cleaned].swaps]
+    assert found[Cleaned].jitter_px == stated
     np.testing.assert_allclose(found.cov_m2, ratio**2 * plain.cov_m2, rtol=SAME)
     np.testing.assert_allclose(found.ray_sd_px, ratio * plain.ray_sd_px, rtol=SAME)
     np.testing.assert_allclose(found.ray_scale_px, ratio * plain.ray_scale_px, rtol=SAME)
@@ -64,7 +69,7 @@ def test_more_noise_than_rays_show(stating, plain):
         both = np.isfinite(one.xyz_m[..., 0]) & np.isfinite(plain.xyz_m[..., 0])
         grown = np.sqrt(np.trace(one.cov_m2, axis1=-2, axis2=-1) / np.trace(plain.cov_m2, axis1=-2, axis2=-1))[both]
         assert (
-            abs(np.median(grown) / (stated / plain.jitter_px) - 1) < 0.1
+            abs(np.median(grown) / (stated / plain[Cleaned].jitter_px) - 1) < 0.1
         )  # other rays are believed, by a few per cent
         assert one.rays_rejected.sum() < plain.rays_rejected.sum()
         learned, usual = (marker_trial(seen_part(p)).sd_m for p in (one, plain))
@@ -74,7 +79,7 @@ def test_more_noise_than_rays_show(stating, plain):
 @pytest.mark.parametrize(("stated", "said"), [(0.01, "times too narrow"), (50.0, "times as wide"), (0.9, None)])
 def test_what_contradicts_the_pixels_is_said_first(source, stating, plain, tmp_path, stated, said):
     """By how much, and what is done; nothing is said of a number that agrees."""
-    given = replace(source, pixel_sd=stated)
+    given = stating_it(source, stated)
     summary = triangulate_file(given, tmp_path / "xyzpts.csv", refine=True)
     for findings in (stating(stated).findings, summary.findings):
         contradicted = [f for f in findings if f.kind == "pixel noise"]
@@ -90,7 +95,7 @@ def test_triangulate_refine_uses_it_too(source, tmp_path):
     found = {}
     for stated in (0.05, 0.5):
         path = tmp_path / f"{stated}_xyzpts.csv"
-        triangulate_file(replace(source, pixel_sd=stated), path, refine=True)
+        triangulate_file(stating_it(source, stated), path, refine=True)
         found[stated] = read_points(path, fps=240.0)
     np.testing.assert_array_equal(found[0.05].seen, found[0.5].seen)
     ratio = (found[0.5].sd_m / found[0.05].sd_m)[found[0.5].seen]

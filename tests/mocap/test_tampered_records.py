@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.attack.records import KINDS, as_text, judged, sound, tampered
 from mocap.digitising.clicks import read_unseen, write_unseen
+from mocap.pipeline import potentials
 from mocap.results import stored
 
 FEW = ("missing", "NaN")
@@ -26,8 +27,8 @@ def folder(tmp_path_factory) -> Iterator[Path]:
     path = tmp_path_factory.mktemp("records")
     sound(path)
     with pytest.MonkeyPatch.context() as patch:
-        for reader in ("read_netcdf", "load_potential"):
-            patch.setattr(stored, reader, once(getattr(stored, reader)))
+        for room, reader in ((stored, "read_netcdf"), (potentials, "load_potential")):
+            patch.setattr(room, reader, once(getattr(room, reader)))
         yield path
 
 

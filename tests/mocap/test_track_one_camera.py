@@ -14,6 +14,7 @@ from mocap.errors import MocapError
 from mocap.pipeline.learning import Model
 from mocap.pipeline.sentences import one_camera
 from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, flapping
+from tests.mocap.same import same_result
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +61,8 @@ def read(files, **stated):
     return mocap.read(files[0], calibration=files[1], fps=FPS, unit="m", **stated)
 
 
-def test_positions_statuses_and_velocities_are_there_as_from_many_cameras(files, learned):
-    """Positions within 2 % of the distance, a gap that is smoothed, kinematics with deviations."""
+def test_positions_statuses_and_velocities_are_there_as_from_many_cameras(files, learned, tmp_path):
+    """Positions within 2 % of the distance, a gap that is smoothed, kinematics with deviations; loaded, the same."""
     found = mocap.track(read(files), model=learned)
     tracked = found.tracks
     truth = flapping(9).xyz_m - [0.0, 0.0, 1.0]
@@ -75,6 +76,9 @@ def test_positions_statuses_and_velocities_are_there_as_from_many_cameras(files,
     assert "size of the animal is the model's" in found.report["model"]["why"]
     for word in ("repeatability", "in 3D", "where they were measured"):  # no point was measured
         assert word not in found.report_text
+    (tmp_path / "result").mkdir()
+    found.write(tmp_path / "result", pictures=False)
+    same_result(found, mocap.load(tmp_path / "result"))
 
 
 def test_wider_intervals_and_a_single_trial_are_said():

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity, Rests
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import robust_range, rows, series_view
 from mocap.rerun.columns import log_over_time
@@ -22,7 +22,7 @@ SECTIONS = {"wing_beat": ("down", "up"), "stride": ("stance", "swing")}
 BODY = ("body_speed_m_s", "body_yaw_deg", "body_pitch_deg", "body_roll_deg")
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
     """A line with its band for each quantity, and a lane for each limb that beats or steps."""
     t_s = run.t_s
     for group, quantities in layout.angles.items():

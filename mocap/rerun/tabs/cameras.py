@@ -6,10 +6,11 @@ import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import rows
 from mocap.rerun.columns import Single, log_over_time, segments, single, ui
+from mocap.rerun.footage import footage
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import SAMPLE_CLASS
 from mocap.rerun.log_video import log_video
@@ -23,14 +24,14 @@ _LOOKS = {  # colour, radius in points of the screen, drawn over those with a lo
 }
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
     """Cameras, their pixels with residuals, and their movies."""
     scene = layout.scene
     log_cameras(rec, scene)
     if run.cameras:
         log_pixels(rec, scene, run)
-    for view, camera, footage in zip(scene.cameras, run.cameras, run.footage, strict=False):
-        log_video(rec, view, camera, footage, run.t_s)
+    for view, camera, one in zip(scene.cameras, run.cameras, footage(run), strict=False):
+        log_video(rec, view, camera, one, run.t_s)
 
 
 def tab(layout: Layout) -> rrb.Container | None:
@@ -65,7 +66,7 @@ def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
         rec.log(f"{paths.image(camera.name)}/border", line, static=True)
 
 
-def log_pixels(rec: rr.RecordingStream, scene: Scene, run: Recording) -> None:
+def log_pixels(rec: rr.RecordingStream, scene: Scene, run: Result) -> None:
     """In each camera: pixels that were used, pixels that were not, reprojections, and residual whiskers.
 
     A whisker starts at the measured pixel and points to the reprojection, ``WHISKER_SCALE`` times as far.

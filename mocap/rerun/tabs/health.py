@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from eal.arrays import Array
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, robust_range, rows, series_view
 from mocap.rerun.layout import Layout
@@ -22,7 +22,7 @@ _ERRORS = (
 )
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
     """Innovations and residuals of each camera, normalised innovation with its band, likelihood, rows; lanes of gaps.
 
     Cameras are lines, and rows of a map, in which more than a few can be told apart.
@@ -84,7 +84,7 @@ def nis_band(n_rows: NDArray[np.int64]) -> Array:
     return np.where(rows > 0, quantiles, np.nan)[:, where]
 
 
-def _nis(run: Recording) -> Array:
+def _nis(run: Result) -> Array:
     """(T,) normalised innovation squared, a row."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(run.n_rows > 0, run.nis / run.n_rows, np.nan)

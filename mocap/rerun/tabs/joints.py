@@ -5,7 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.arrays import Array
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, rows, series_view
 from mocap.rerun.columns import Single, log_over_time, single, ui
@@ -25,7 +25,7 @@ CHART_SIZE = (160.0, 100.0)
 """Width and height of the chart of eigenvalues, in units of its view."""
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
     """Coordinates, potentials in the planes of limbs, and potentials in the body."""
     t_s = run.t_s
     for name, frame in layout.joint_frames.items():

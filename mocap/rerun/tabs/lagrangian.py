@@ -4,14 +4,14 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, robust_range, rows, series_view
 from mocap.rerun.layout import Layout
 from mocap.rerun.scene_views import scene_view
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:  # noqa: ARG001 - as every tab
+def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:  # noqa: ARG001 - as every tab
     """Three lines; nothing where no Lagrangian was tracked."""
     if "energies" not in run.data:
         return

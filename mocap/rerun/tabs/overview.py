@@ -3,7 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun.blueprint import rows
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import (
@@ -19,7 +19,7 @@ from mocap.rerun.log_markers import (
 from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
     """World, markers with their uncertainty and trails, and the map of gaps."""
     scene, markers = layout.scene, run.tracks
     log_world(rec, scene, names=markers.names, skeleton=run.skeleton)

@@ -7,7 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.plugins import described, left_out, offered
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun.layout import Layout
 from mocap.rerun.tabs import angles, cameras, health, joints, lagrangian, overview, report
 
@@ -16,7 +16,7 @@ from mocap.rerun.tabs import angles, cameras, health, joints, lagrangian, overvi
 class Tab(Protocol):
     """What the file of a tab holds."""
 
-    def log(self, rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+    def log(self, rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
         """Log what the tab shows."""
         ...
 
@@ -40,7 +40,7 @@ class TabElsewhere:
     name: str
     own: Tab
 
-    def log(self, rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:
+    def log(self, rec: rr.RecordingStream, run: Result, layout: Layout) -> None:
         """Log what it shows, as far as it comes."""
         try:
             self.own.log(rec, run, layout)

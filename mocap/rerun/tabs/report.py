@@ -3,12 +3,12 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.rerun import paths
 from mocap.rerun.layout import Layout
 
 
-def log(rec: rr.RecordingStream, run: Recording, layout: Layout) -> None:  # noqa: ARG001 - as every tab
+def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:  # noqa: ARG001 - as every tab
     """The text as a document."""
     rec.log(paths.REPORT, rr.TextDocument(run.report_text, media_type=rr.MediaType.MARKDOWN), static=True)
 

@@ -10,8 +10,11 @@ from eal.arrays import Array
 from eal.kernels import GaussianKernel
 from eal.potential import fit_potential
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
-from mocap.pipeline.potentials import SPACE, JointPotential, joint_potentials
-from mocap.pipeline.recording import Recording, of_points
+from mocap.pipeline.model_choice import ModelChoice
+from mocap.pipeline.potentials import SPACE, JointPotential, Potentials, joint_potentials
+from mocap.pipeline.report_part import Report
+from mocap.pipeline.result import Result
+from mocap.recording import of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Joint, Skeleton
 
@@ -99,7 +102,7 @@ def make_run(
     skew: float = 0.0,
     n_extra: int = 0,
     seed: int = 7,
-) -> Recording:
+) -> Result:
     """A run as the main job would hand it over: gaps in bursts, rejected samples, innovations, potentials."""
     rng = np.random.default_rng(seed)
     body = skeleton(n_extra=n_extra)
@@ -124,7 +127,7 @@ def make_run(
     joints, potentials = _joints(body, truth, t_s, n_joints, rng)
     motion = without_rates(markers.names, t_s, xyz, cov, origin == Status.MEASURED)
     known = {"status": markers.status, "repaired": np.zeros(origin.shape, dtype=np.int8), **rays}
-    found = of_points(markers, body, name="flapper-demo")
+    found = Result.of(of_points(markers, body, name="flapper-demo"))
     if cameras:
         found = replace(found, data=found.data.assign_coords(view=np.array([c.name for c in cameras], dtype=object)))
     named = {"joint": [joint.name for joint in body.joints[:n_joints]]} if joints else {}
@@ -133,9 +136,10 @@ def make_run(
         found,
         data=found.data.assign_attrs(model="stand-in", y_up=int(y_up)),
         cameras=cameras,
-        potentials=potentials,
-        spatial_potentials=joint_potentials(found.joints_m(SPACE), SPACE, markers, body),
-        report_text=_REPORT,
+    ).with_part(
+        ModelChoice(why="a stand-in"),
+        Potentials(planar=potentials, spatial=joint_potentials(found.joints_m(SPACE), SPACE, markers, body)),
+        Report(numbers={}, text=_REPORT),
     )
 
 

@@ -9,7 +9,7 @@ from flapping import make_run
 from readback import column, entities
 from test_view_pictures import loaded
 
-from mocap.pipeline.recording import limb_variables
+from mocap.pipeline.result import limb_variables
 from mocap.rerun import palette, paths
 from mocap.rerun.limbs import REACH, map_view, pull_view
 from mocap.rerun.log_markers import ELLIPSOID_SD

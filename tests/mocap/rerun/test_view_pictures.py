@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vulkan import need_vulkan
 
 from mocap.cameras.camera import project, stacked
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.result import Result
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import series_view
@@ -27,7 +27,7 @@ SHIFT_PX = 12.0
 NEAR = 60.0  # of 441: shading darkens the rim of a ball and blends it with what is behind
 
 
-def loaded(viewer: Headless, run: Recording, folder: Path) -> Recording:
+def loaded(viewer: Headless, run: Result, folder: Path) -> Result:
     """The run under a name of its own, in the viewer."""
     run = replace(run, name=folder.name)
     write_recording(run, folder / "recording.rrd")
@@ -35,7 +35,7 @@ def loaded(viewer: Headless, run: Recording, folder: Path) -> Recording:
     return run
 
 
-def tile(run: Recording, name: str, *contents: str, hidden: tuple[str, ...] = ()) -> rrb.View:
+def tile(run: Result, name: str, *contents: str, hidden: tuple[str, ...] = ()) -> rrb.View:
     """A camera's whole image, with nothing but these entities."""
     width, height = next(c for c in make_layout(run).scene.cameras if c.name == name).size_px
     return rrb.Spatial2DView(
@@ -47,7 +47,7 @@ def tile(run: Recording, name: str, *contents: str, hidden: tuple[str, ...] = ()
     )
 
 
-def expected_px(run: Recording, c: int, frame: int, code: Status) -> NDArray:
+def expected_px(run: Result, c: int, frame: int, code: Status) -> NDArray:
     """(N, 2) pixels where our camera model puts the markers of one origin, in the image as it is shown."""
     markers = run.tracks
     uv = project(stacked(run.cameras), markers.xyz_m[frame])[c][markers.status[frame] == code]

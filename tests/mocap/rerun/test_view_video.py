@@ -14,7 +14,9 @@ from mocap.cameras.camera import project, stacked
 from mocap.cameras.lens import BrownLens
 from mocap.errors import MocapError
 from mocap.io.movies import FIRST_PIXEL, open_movie, open_movies
+from mocap.pipeline.report_part import Report
 from mocap.rerun import paths
+from mocap.rerun.footage import footage
 from mocap.rerun.log_video import coded_size, offsets_of, with_footage
 from mocap.rerun.record import write_recording
 
@@ -208,9 +210,11 @@ def test_films_that_started_apart_are_shown_in_step(tmp_path):
         film(tmp_path / name, [DARK] * N_FRAMES, "png")
     movies = open_movies([tmp_path / "a", tmp_path / "b"])
     shown = with_footage(
-        replace(run, report={**run.report, "late_frames": [0.2, -7.4]}), movies, offsets=offsets_of(None, [3])
+        run.with_part(Report(numbers={**run.report, "late_frames": [0.2, -7.4]}, text="")),
+        movies,
+        offsets=offsets_of(None, [3]),
     )
-    first = [int(footage.frames[0]) for footage in shown.footage]
+    first = [int(one.frames[0]) for one in footage(shown)]
     assert first == [3, 10]  # 3 - 0.2 and 3 + 7.4, to the frame
     assert "lag that was corrected" in shown.report["video"][1]
-    assert shown.footage[1].there.sum() == N_FRAMES - 10
+    assert footage(shown)[1].there.sum() == N_FRAMES - 10

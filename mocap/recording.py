@@ -1,4 +1,7 @@
-"""A recording: one Dataset of all that is known of it over time, and what no array can hold."""
+"""A recording: one Dataset of all that is known of it over time, what was given, and what each step found.
+
+Steps add variables to the Dataset (``mocap.variables``), and a part of their own, of a class that lies with them.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,52 +9,21 @@ from functools import cached_property
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.over_time import OverTime, at_frames
-from mocap import audit
-from mocap.calls import check_stated
 from mocap.cameras.camera import Camera, stacked
-from mocap.cameras.lens_of_tracks import TrackLens
-from mocap.cameras.origin import PixelOrigin
-from mocap.cleaning.camera_health import BadTime
-from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
-from mocap.cleaning.swaps import Swap
 from mocap.errors import MocapError
-from mocap.filters.observations import Observations, PixelObservations, PositionObservations
-from mocap.filters.records import Limb
-from mocap.filters.velocities import Motion, RatePoints
-from mocap.findings import Finding
-from mocap.io.contents import Bodies, FileContents
-from mocap.io.movies import Movie
-from mocap.kinematics.compute import kinematics
-from mocap.kinematics.points import rate_points_for
-from mocap.kinematics.records import Kinematics
-from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.variables import VARIABLES, Values
+from mocap.findings import Finding, worst_first
 from mocap.records import MarkerTracks, PixelTracks, Plane
 from mocap.skeleton import Skeleton
+from mocap.variables import VARIABLES, Values
 
 AXES = {"pixel": ["u", "v"], "space": ["x", "y", "z"], "space_to": ["x", "y", "z"]}
-
-
-MOTION = {
-    "point_position": "xyz_m",
-    "velocity": "velocity_m_s",
-    "point_covariance": "own",
-    "pairs": "pairs",
-    "pair_covariance": "cross",
-    "velocity_change": "kept",
-    "measured": "measured",
-    "acceleration": "acceleration_m_s2",
-    "acceleration_covariance": "acceleration_cov",
-}
-"""Variables of the fields of ``Motion``; the last two where a model has accelerations."""
 TOGETHER = {"point": ("pair",), "angle": ("energy",), "limb": ("x", "y", "sample")}
 """Dimensions that are renewed with another one."""
 
@@ -80,128 +52,161 @@ def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequ
     return data.assign_coords({axis: AXES[axis] for axis in axes}).assign(made)
 
 
-def limb_variables(limbs: Mapping[str, Limb]) -> dict[str, Values]:
-    """Potentials that held limbs, as variables; of the map and of pulls in single precision."""
-    most = max(len(limb["samples"]) for limb in limbs.values())
-    values: dict[str, Values] = {}
-    for name, one in VARIABLES.items():
-        if "limb" in one.dims:
-            parts = [limb[name.removeprefix("limb_")] for limb in limbs.values()]
-            if "sample" in one.dims:
-                parts = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=np.nan) for part in parts]
-            values[name] = np.stack(parts, axis=one.dims.index("limb"))
-    return {**values, **{name: values[name].astype(np.float32) for name in ("limb_value", "limb_pull")}}
+class Part(Protocol):
+    """What one step found, or decided, beside the variables that it wrote: a frozen record in the step's own room.
+
+    Attributes:
+        step: The verb that adds it: ``read``, ``clean`` or ``track``.
+        depends_on: Names of the classes of parts that it rests on: where one of them is replaced, it goes.
+    """
+
+    step: ClassVar[str]
+    depends_on: ClassVar[tuple[str, ...]]
+
+    def at(self, frames: NDArray[np.int64]) -> Self:
+        """Of these frames, by their indices."""
+        ...
+
+    def only(self, markers: NDArray[np.int64]) -> Self:
+        """Of these markers, by their indices."""
+        ...
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What is to be told of it."""
+        ...
+
+    def to_file(self, folder: Path) -> dict[str, Any]:
+        """What a file holds of it, as JSON has it; what is too large for that is written into the folder."""
+        ...
+
+    @classmethod
+    def of_file(cls, entries: Any, folder: Path, where: str) -> Self:
+        """Read back; a FormatError that begins with ``where`` if it is not as it was written."""
+        ...
+
+
+P = TypeVar("P")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Footage:
-    """The movie of one camera.
+class Source:
+    """What the user gave.
 
     Attributes:
-        movie: The movie.
-        frames: (T,) its frame, from 0, for each frame of the recording; outside of the movie there is no image.
-        straight: True where its pixels are ideal ones already: no lens, or undistorted before.
+        file: The file of the tracks; None: they were never in one.
+        inputs: All files that were named.
+        calibration: What messages call the calibration, where it is given beside the tracks; None: it is not.
+        unit: Unit of lengths, as stated.
+        pixel_sd: Standard deviation of a pixel, as stated; None: estimated.
+        mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions are pixels.
+        unusual: What is unusual of the file, or not in it.
+        bodies: Rigid bodies that the file states, with the places of their markers in their axes, in metres.
+        folder: Where the result was saved or loaded from; None: nowhere yet.
     """
 
-    movie: Movie
-    frames: OverTime[NDArray[np.int64]]
-    straight: bool
+    file: Path | None = None
+    inputs: tuple[Path, ...] = ()
+    calibration: str | None = None
+    unit: str | None = None
+    pixel_sd: float | None = None
+    mm_per_px: float | None = None
+    unusual: tuple[str, ...] = ()
+    bodies: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
+    folder: Path | None = None
 
-    @property
-    def there(self) -> NDArray[np.bool_]:
-        """(T,) frames of the recording that have an image."""
-        return (self.frames >= 0) & (self.frames < self.movie.n_frames)
+    def by_names(self) -> "Source":
+        """The same, files by their names alone: a result does not depend on where files lie, nor tell others."""
+        file = None if self.file is None else Path(self.file.name)
+        return replace(self, file=file, inputs=tuple(Path(path.name) for path in self.inputs), folder=None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Recording:
     """A recording, from ``mocap.read`` and ``mocap.from_arrays`` on; ``mocap.clean`` and ``mocap.track`` add to it.
 
-    What is known at each time is in ``data``, whose variables are declared in ``mocap.pipeline.variables``; properties
-    give them as plain arrays. T frames, M markers, C cameras.
+    What is known at each time is in ``data``; properties give its variables as plain arrays. T frames, M markers, C
+    cameras.
 
     Attributes:
         name: Of the recording.
         data: Every frame from first to last, markers named as in the skeleton.
         skeleton: What is known of the animal, at least the markers.
         cameras: The C calibrated cameras with their lenses; empty: none are known.
-        calibration: What messages call the calibration, where it is given beside the tracks; None: it is not.
-        findings: How the files were read where they leave that open, and frames that they leave out; of one that was
-            cleaned all findings, those that ask for something to be done (``alarm``) worst first.
-        readings: How the calibration and the pixels were read.
-        unusual: What is unusual of the file, or not in it.
-        bodies: Rigid bodies that the file states, with the places of their markers in their axes, in metres.
-        file: The file of the tracks; None: they were never in one.
-        inputs: All files that the user named.
-        stored: Positions of a file that are compared with those of the pixels; None: there are none.
-        unit: Unit of lengths, as the user states it.
-        pixel_sd: Standard deviation of a pixel; None: estimated.
-        mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions are pixels.
-        cleaned: Whether ``clean`` has made it; all that follows is known only then.
-        rows: Where pixel rows are counted from, as decided when it was read; None: without two cameras that see
-            something, or where its pixels cannot tell (``clean`` says so).
-        lens: What was estimated of the lenses from the pixels themselves, and taken out; None: nothing.
-        plane: The image of one video, in which positions are; None: they are in space.
-        jitter_px: Standard deviation of a coordinate of a pixel, from frame to frame; NaN without cameras.
-        bias_px: Standard deviation of the slow ray errors that were removed.
-        stated_over_shown: Factor by which all deviations were multiplied, so that they are what the user states of a
-            pixel; 1: nothing is stated.
-        noise: Relative scales of cameras and markers, and degrees of freedom of cameras, by which rays were weighed;
-            None without cameras.
-        bad_cameras: Runs of frames in which a camera was bad; contained in ``ray_sd_px``.
-        swaps: Runs of frames in which two markers bore each other's names; undone.
-        stale: Stored positions that do not follow from the pixels; None where there was no file to compare.
-        jumps: Markers that jump.
-        audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
-        potentials: One empirical potential a joint, by joint name, in the planes of its limb.
-        spatial_potentials: The same in three coordinates in the body.
-        report: What ``report.json`` holds, of one that was tracked.
-        report_text: The same as markdown.
-        footage: The movie of each camera; empty where none were given.
-        folder: Where it was saved or loaded from; None: nowhere yet.
+        source: What the user gave.
+        parts: What each step found, by the class of the part; ``recording[Cleaned]`` gives one.
     """
 
     name: str
     data: xr.Dataset
     skeleton: Skeleton
     cameras: tuple[Camera, ...] = ()
-    calibration: str | None = None
-    findings: tuple[Finding, ...] = ()
-    readings: tuple[Finding, ...] = ()
-    unusual: tuple[str, ...] = ()
-    bodies: Bodies = field(default_factory=dict)
-    file: Path | None = None
-    inputs: tuple[Path, ...] = ()
-    stored: FileContents | None = None
-    unit: str | None = None
-    pixel_sd: float | None = None
-    mm_per_px: float | None = None
-    cleaned: bool = False
-    rows: PixelOrigin | None = None
-    lens: TrackLens | None = None
-    plane: Plane | None = None
-    jitter_px: float = np.nan
-    bias_px: float = 0.0
-    stated_over_shown: float = 1.0
-    noise: ClickNoise | None = None
-    bad_cameras: tuple[BadTime, ...] = ()
-    swaps: tuple[Swap, ...] = ()
-    stale: tuple[audit.StalePoint, ...] | None = None
-    jumps: tuple[audit.Jump, ...] = ()
-    audited: tuple[Finding, ...] = ()
-    potentials: Mapping[str, JointPotential] = field(default_factory=dict)
-    spatial_potentials: Mapping[str, JointPotential] = field(default_factory=dict)
-    report: Mapping[str, object] = field(default_factory=dict)
-    report_text: str = ""
-    footage: tuple[Footage, ...] = ()
-    folder: Path | None = None
+    source: Source = field(default_factory=Source)
+    parts: Mapping[type, Part] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check what is stated."""
-        for name in ("pixel_sd", "mm_per_px"):
-            check_stated(name, getattr(self, name))
-        if self.mm_per_px is not None and not self.planar:
+        if self.source.mm_per_px is not None and not self.planar:
             raise MocapError("`mm_per_px` is the scale of one video without a calibration: leave it out")
+
+    def __getitem__(self, kind: type[P]) -> P:
+        """What a step found.
+
+        Raises:
+            MocapError: it is not known yet.
+        """
+        if kind not in self.parts:
+            step = getattr(kind, "step", "track")
+            raise MocapError(f"{self.name}: what {kind.__name__} holds is not known before mocap.{step}")
+        return self.parts[kind]  # type: ignore[return-value]
+
+    def get(self, kind: type[P]) -> P | None:
+        """What a step found; None: it is not known yet."""
+        return self.parts.get(kind)  # type: ignore[return-value]
+
+    def __contains__(self, kind: type) -> bool:
+        """Whether the step that finds this has been taken."""
+        return kind in self.parts
+
+    def with_part(self, *found: Part) -> Self:
+        """The same with what steps found, in place of what they found before and what rested on it."""
+        parts = dict(self.parts)
+        for one in found:
+            gone = {type(one).__name__}
+            while more := {kind.__name__ for kind, part in parts.items() if gone & {*part.depends_on}} - gone:
+                gone |= more
+            parts = {kind: part for kind, part in parts.items() if kind is type(one) or kind.__name__ not in gone}
+            parts[type(one)] = one
+        return replace(self, parts=parts)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All that was found, or decided: what is wrong, worst first, then the rest step by step."""
+        return tuple(worst_first(finding for part in self.parts.values() for finding in part.findings()))
+
+    @property
+    def cleaned(self) -> bool:
+        """Whether ``clean`` has made it."""
+        return any(part.step == "clean" for part in self.parts.values())
+
+    @property
+    def file(self) -> Path | None:
+        """The file of the tracks; None: they were never in one."""
+        return self.source.file
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """All files that the user named."""
+        return self.source.inputs
+
+    @property
+    def folder(self) -> Path | None:
+        """Where it was saved or loaded from; None: nowhere yet."""
+        return self.source.folder
+
+    @property
+    def calibration(self) -> str | None:
+        """What messages call the calibration, where it is given beside the tracks; None: it is not."""
+        return self.source.calibration
 
     @property
     def where(self) -> str:
@@ -259,9 +264,14 @@ class Recording:
         return len(self.camera_names) == 1 and not self.cameras and self.calibration is None
 
     @property
+    def plane(self) -> Plane | None:
+        """The image of one video, in which positions are; None: they are in space."""
+        return Plane(mm_per_px=self.source.mm_per_px) if self.planar else None
+
+    @property
     def matrices(self) -> Array:
-        """(C, 3, 4) projections."""
-        return stacked(self.cameras)
+        """(C, 3, 4) projections; C = 0 without cameras."""
+        return stacked(self.cameras) if self.cameras else np.zeros((0, 3, 4))
 
     @property
     def pixels(self) -> PixelTracks | None:
@@ -377,78 +387,9 @@ class Recording:
         return bool(self.data.attrs.get("y_up", False))
 
     @property
-    def reprojected_px(self) -> Array:
-        """(C, T, M, 2) ideal pixels of the smoothed positions; C = 0 where only positions were tracked."""
-        return self._of_rays("reprojected", 2)
-
-    @property
-    def innovation_px(self) -> Array:
-        """(C, T, M, 2) measured minus predicted ideal pixel, before the update; NaN where nothing was seen."""
-        return self._of_rays("innovation", 2)
-
-    @property
-    def used(self) -> NDArray[np.bool_]:
-        """(C, T, M) True where a pixel took part in the estimate."""
-        return self._of_rays("used").astype(bool)
-
-    @property
-    def nis(self) -> Array:
-        """(T,) normalised innovation squared of each frame; NaN without rows."""
-        return self.values("nis")
-
-    @property
-    def n_rows(self) -> NDArray[np.int64]:
-        """(T,) scalar observations used in each frame."""
-        return self.values("n_rows")
-
-    @property
-    def log_likelihood(self) -> Array:
-        """(T,) log density of each frame's observations given those before."""
-        return self.values("log_likelihood")
-
-    @property
     def repaired(self) -> NDArray[np.int8]:
         """(T, M) 1 where a sample bore another marker's name in the file, 2 where a person corrected it; else 0."""
         return self.values("repaired")
-
-    @cached_property
-    def motion(self) -> Motion:
-        """Markers, the body and the centre of mass, with velocities and joint covariances."""
-        parts = {of: self.data[name].values for name, of in MOTION.items() if name in self.data}
-        return Motion(names=tuple(self.data["point"].values.tolist()), t_s=self.t_s, **parts)
-
-    def with_motion(self, motion: Motion) -> "Recording":
-        """The same with these points, their velocities and covariances, in place of others."""
-        values = {name: getattr(motion, of) for name, of in MOTION.items()}
-        return self.having({"point": motion.names}, **{name: of for name, of in values.items() if of is not None})
-
-    @property
-    def angles(self) -> xr.Dataset | None:
-        """Joint angles that were the filter's state, lengths of segments, energies; None: they were not."""
-        own = [name for name, one in VARIABLES.items() if {"angle", "segment", "energy"} & set(one.dims)]
-        return self.data[[name for name in own if name in self.data]] if "angle_rad" in self.data else None
-
-    def joints_m(self, frame: str) -> dict[str, Array]:
-        """(T, d) coordinates of each joint in a frame of reference (``mocap.joints``); empty where none are known."""
-        if f"joint_{frame}" not in self.data:
-            return {}
-        coordinates = np.moveaxis(self.data[f"joint_{frame}"].values, 1, 0)
-        return dict(zip(self.data["joint"].values.tolist(), coordinates, strict=True))
-
-    @property
-    def limbs(self) -> dict[str, Limb]:
-        """What potentials said of limbs that they held: the variables ``limb_...`` of each, of its own samples.
-
-        ``marker`` is (J,) its markers along the limb, ``pull`` (T, J, 3) on these.
-        """
-        out = {}
-        for i, name in enumerate(self.data["limb"].values.tolist() if "limb" in self.data.coords else ()):
-            own = [of for of, one in VARIABLES.items() if "limb" in one.dims]
-            limb = {of.removeprefix("limb_"): self.data[of].isel(limb=i).values for of in own}
-            index = np.argsort(limb["marker"], kind="stable")[int((limb["marker"] < 0).sum()) :]
-            samples = limb["samples"][np.isfinite(limb["samples"][:, 0])]
-            out[name] = {**limb, "samples": samples, "marker": index, "pull": limb["pull"][:, index]}
-        return out
 
     @property
     def edited(self) -> NDArray[np.bool_]:
@@ -463,11 +404,6 @@ class Recording:
         none = np.zeros((sizes.get("view", 0), sizes["time"], sizes["keypoint"]), dtype=bool)
         return self.data["by_hand"].values if "by_hand" in self.data else none
 
-    @cached_property
-    def rate_points(self) -> RatePoints:
-        """The points and pairs of points whose velocities and covariances its kinematics need."""
-        return rate_points_for(self.names, self.skeleton, n_frames=len(self.t_s))
-
     def having(
         self,
         names: Mapping[str, Sequence[str]] | None = None,
@@ -475,8 +411,8 @@ class Recording:
         *,
         rejected: Mapping[str, NDArray[np.bool_]] | None = None,
         **values: Values,
-    ) -> "Recording":
-        """The same with some variables, new or in place of others (``mocap.pipeline.variables``).
+    ) -> Self:
+        """The same with some variables, new or in place of others (``mocap.variables``).
 
         Args:
             names: Entries along some dimensions, in place of others, and of all variables that had these dimensions.
@@ -490,33 +426,23 @@ class Recording:
             names["reason"] = list(rejected)
         return replace(self, data=with_variables(self.data, values, **names))
 
-    def at(self, frames: slice) -> "Recording":
+    def at(self, frames: slice) -> Self:
         """Some of its frames."""
-        return replace(
-            self, data=self.data.isel(time=frames), footage=tuple(at_frames(f, frames) for f in self.footage)
-        )
+        kept = np.arange(self.data.sizes["time"])[frames]
+        parts = {kind: part.at(kept) for kind, part in self.parts.items()}
+        return replace(self, data=self.data.isel(time=frames), parts=parts)
 
-    def only(self, markers: NDArray[np.int64]) -> "Recording":
+    def only(self, markers: NDArray[np.int64]) -> Self:
         """Some of its markers; the skeleton is that of all."""
-        noise = None if self.noise is None else replace(self.noise, marker=self.noise.marker[markers])
-        return replace(self, data=self.data.isel(keypoint=markers), noise=noise)
+        parts = {kind: part.only(markers) for kind, part in self.parts.items()}
+        return replace(self, data=self.data.isel(keypoint=markers), parts=parts)
 
     def place(self, part: "Recording") -> tuple[slice, NDArray[np.int64]]:
         """Frames and markers of a part of it (``at``, ``only``)."""
         start = int(np.searchsorted(self.t_s, part.t_s[0]))
         return slice(start, start + len(part.t_s)), np.array([self.names.index(name) for name in part.names])
 
-    @cached_property
-    def kinematics(self) -> Kinematics:
-        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation.
-
-        Raises:
-            MocapError: the recording is one video, in the plane of its image.
-        """
-        self.in_space("kinematics")
-        return kinematics(self.motion, self.skeleton, recording=self.name)
-
-    def in_space(self, what: str) -> "Recording":
+    def in_space(self, what: str) -> Self:
         """The same, refused where it is of one video.
 
         Raises:
@@ -526,29 +452,11 @@ class Recording:
             raise MocapError(f"{self.name}: one video without a calibration: {what} needs positions in space")
         return self
 
-    def observations(self, *, hidden: NDArray[np.bool_] | None = None) -> Observations:
-        """Rows for a tracker, of a recording that was cleaned, without (T, M) samples that are hidden."""
-        keep = np.ones(self.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
-        xyz, cov = np.where(keep[..., None], self.xyz_m, np.nan), self.cov_m2
-        if not self.cameras:
-            return PositionObservations(xyz_m=xyz, sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
-        uv = np.where(keep[None, ..., None], self.uv_px, np.nan)
-        middle = np.nanmedian(self.xyz_m.reshape(-1, 3), axis=0)
-        depth = np.median(np.abs(self.matrices[:, 2, :3] @ middle + self.matrices[:, 2, 3]))
-        return PixelObservations(
-            matrices=self.matrices,
-            uv_px=uv,
-            sd_px=self.ray_scale_px,
-            dof=np.full(len(uv), USUAL_DOF) if self.noise is None else self.noise.dof,
-            xyz_m=xyz,
-            cov_m2=cov,
-            wide_m=0.05 * float(depth),  # vaguer ones: no sigma points
-            by_hand=self.by_hand,
-        )
-
-    def without_needless_calibration(self) -> "Recording":
+    def without_needless_calibration(self) -> Self:
         """The same, without the calibration where it holds positions and no pixels."""
-        return self if "pixels" in self.data else replace(self, calibration=None, cameras=())
+        if "pixels" in self.data:
+            return self
+        return replace(self, source=replace(self.source, calibration=None), cameras=())
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
@@ -559,13 +467,13 @@ class Recording:
             "markers": f"{len(self.names)}: {', '.join(self.names)}",
             "cameras": f"{len(self.camera_names)}" if "pixels" in self.data else "none: positions",
             "seen": f"{100 * self.seen.mean():.1f} % of samples" if self.seen.size else "nothing",
-            "unit": self.unit or self.data.attrs.get("space_unit") or "not stated",
+            "unit": self.source.unit or self.data.attrs.get("space_unit") or "not stated",
         }
         there |= {} if self.calibration is None else {"calibration": self.calibration}
         there |= {"skeleton": self.skeleton.name} if self.skeleton.bones or self.skeleton.joints else {}
         if self.cleaned:
             there |= {"believed": f"{100 * np.isfinite(self.xyz_m[..., 0]).mean():.1f} % of positions"}
-        findings = (*self.findings, *self.readings, *self.unusual)
+        findings = (*self.findings, *self.source.unusual)
         return there | ({"findings": "; ".join(map(str, findings))} if findings else {})
 
     def __repr__(self) -> str:
@@ -614,22 +522,6 @@ def dataset(
         values = {"position": points.xyz_m, "covariance": points.cov_m2, "status": points.status}
         values |= {} if score is None else {"confidence": score}
     return with_variables(xr.Dataset(coords=coords, attrs=attrs), values)
-
-
-def dataset_of(contents: FileContents) -> xr.Dataset:
-    """What files hold, as a Dataset: pixels, or positions where there are none."""
-    tracks = contents.points if contents.pixels is None else contents.pixels
-    return dataset(
-        contents.names,
-        np.zeros(0) if tracks is None else tracks.t_s,
-        pixels=contents.pixels,
-        points=contents.points,
-        score=contents.score,
-        frames=contents.frames if tracks is not None else None,
-        format=contents.format,
-        **({} if contents.fps is None else {"fps": contents.fps}),
-        **({} if contents.unit is None else {"space_unit": contents.unit}),
-    )
 
 
 def of_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str) -> Recording:

@@ -125,7 +125,6 @@ def measured(name: str, row: Row, draws: int) -> dict[str, object]:
     """Shares over draws, in per cent."""
     rng = np.random.default_rng(zlib.crc32(name.encode()))
     found: dict[str, list[float]] = {key: [] for key in ("p05", "p01", "band", "shift", "ratio", "variance_p05")}
-    made = np.log(_variance(row.b) / _variance(row.a))
     for _ in range(draws):
         (a, of_a), (b, of_b) = row.a.draw(rng, "a"), row.b.draw(rng, "b")
         one = compare(a, b, animals=(of_a, of_b) if row.named else None)
@@ -134,16 +133,18 @@ def measured(name: str, row: Row, draws: int) -> dict[str, object]:
         found["band"].append(one.differs.any())
         found["shift"].append(one.shift_interval[0, 0] <= 0.0 <= one.shift_interval[0, 1])
         low, high = np.log(one.variance_ratio_interval[0])
+        within = one.variance_of == "within trials"
+        made = np.log(_variance(row.b, within=within) / _variance(row.a, within=within))
         found["ratio"].append(low <= made <= high)
         found["variance_p05"].append(one.variance_p[0] <= 0.05)
     return {"row": name, "kind": row.kind, "draws": draws, **{key: 100.0 * np.mean(x) for key, x in found.items()}}
 
 
-def _variance(group: Group) -> float:
-    """Of the angle over the time of all animals."""
+def _variance(group: Group, *, within: bool) -> float:
+    """Of the angle over the time of a trial, or of all of them."""
     wave = {"sine": 0.5, "dwelling": 0.7895, "wandering": 0.5}[group.wave]  # (I_0(3) - I_0(1.5)^2) / 1.15^2
-    reach2 = group.reach**2 + group.range**2
-    return wave * reach2 + group.posture**2 + group.animal**2 + NOISE_DEG**2
+    own = wave * (group.reach**2 + group.range**2) + NOISE_DEG**2
+    return own if within else own + group.posture**2 + group.animal**2
 
 
 def main() -> None:

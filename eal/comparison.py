@@ -47,8 +47,9 @@ class Comparison:
         overlap: (d,) length that the ranges share over the length that they cover together.
         shift: (d,) mean of b minus that of a. Means, since they alone do not hang on how long a trial is.
         shift_interval: (d, 2) all shifts that the same splits do not reject.
-        variance_ratio: (d,) variance in b over that in a, over the time of all units (what is between units included):
-            a short trial, which sees a part of a cycle, does not make it small.
+        variance_ratio: (d,) variance in b over that in a.
+        variance_of: Of what: ``within trials``, or, where trials are so short that their means differ by where in the
+            cycle they are, ``all trials together``: a short trial, which sees a part of a cycle, makes neither small.
         variance_ratio_interval: (d, 2) interval of it, by the same splits.
         variance_p: (d,) p that the variances are equal.
         p_of_all: p where this is one of several joints: of the largest difference of any of them (``compare_all``).
@@ -77,6 +78,7 @@ class Comparison:
     shift: Array
     shift_interval: Array
     variance_ratio: Array
+    variance_of: str
     variance_ratio_interval: Array
     variance_p: Array
     p_of_all: float
@@ -143,10 +145,10 @@ class Comparison:
         )
         return (
             f"Groups of {self.trials[0]} and {self.trials[1]} trials ({self.counts[0]} and {self.counts[1]} "
-            f"{self.unit}) were compared by a permutation test of {what} ({self.splits} splits) with the squared distance of the "
-            "groups' mean empirical operators, divided by its variance in each split (Janssen 1997; Chung & Romano "
-            f"2013), as statistic: p = {self.p_value:.2g}. Bands are simultaneous and intervals of means and of the ratio of "
-            f"variances are by the same splits, at {100 * self.level:.0f} %."
+            f"{self.unit}) were compared by a permutation test of {what} ({self.splits} splits). The statistic is the "
+            "squared distance of the groups' mean empirical operators over its variance in each split (Janssen 1997; "
+            f"Chung & Romano 2013): p = {self.p_value:.2g}. Bands are simultaneous; they and the intervals of means "
+            f"and of the ratio of variances are of the same splits, at {100 * self.level:.0f} %."
         )
 
     def plot(self, axes: Any = None) -> Any:
@@ -382,7 +384,7 @@ def _compared(
     first = design.merge @ np.stack([w @ one for one, w in zip(samples, shares, strict=True)])
     second = design.merge @ np.stack([w @ one**2 for one, w in zip(samples, shares, strict=True)])
     shift = np.array([shift_interval(splits, x, level) for x in design.contrasts(first).T])
-    whole, pseudo = _log_variances(first, second, design)
+    whole, pseudo, variance_of = _log_variances(samples, shares, first, second, design)
     change = [shift_interval(splits, x, level) for x in design.contrasts(pseudo).T]
     ratio = np.exp(
         [(whole[j], whole[j] + low - mid, whole[j] + high - mid) for j, (mid, low, high) in enumerate(change)]
@@ -405,6 +407,7 @@ def _compared(
         shift=shift[:, 0],
         shift_interval=shift[:, 1:],
         variance_ratio=ratio[:, 0],
+        variance_of=variance_of,
         variance_ratio_interval=ratio[:, 1:],
         variance_p=np.array([one.p_value for one in spread]),
         p_of_all=place.p_value,
@@ -555,7 +558,10 @@ def _weights(
         mine = design.in_a == side
         spread[mine] = np.sum((merged[mine] - merged[mine].mean(axis=0)) ** 2) / max(mine.sum() - 1, 1)
     common = max(float(spread.mean() - known.mean()), 0.1 * float(spread.mean()))  # no unit is known without end
-    return 1.0 / (common + known) if common > 0.0 else np.ones(len(merged))
+    weights = 1.0 / (common + known) if common > 0.0 else np.ones(len(merged))
+    for side in (True, False):  # between groups they change no mean, and would make splits unlike the observed one
+        weights[design.in_a == side] /= weights[design.in_a == side].mean()
+    return weights
 
 
 def _unseen(trials: Sequence[Trial]) -> float:
@@ -599,13 +605,39 @@ def _quantiles(samples: Sequence[Array], shares: Sequence[Array], of_trials: Arr
     return np.array(out)
 
 
-def _log_variances(first: Array, second: Array, design: _Design) -> tuple[Array, Array]:
-    """(d,) log ratio of the variances over the time of all units, b over a; (u, d) pseudo-values of their logarithms.
+LONG = 0.1
+"""Of its variance a trial's mean has less where the trial is long: then what is lost to its own mean can be given back.
+Chosen."""
 
-    Of n units with means m and mean squares s the variance is that of two of them drawn: mean s - (sum m)^2 without
-    its squares, so that neither short trials nor few units make it small. Pseudo-values are the jackknife's (Tukey
-    1958), n log V - (n - 1) log V without the unit.
+
+def _log_variances(
+    samples: Sequence[Array], shares: Sequence[Array], first: Array, second: Array, design: _Design
+) -> tuple[Array, Array, str]:
+    """(d,) log ratio of the variances, b over a; (u, d) values of units whose means differ by it; and what it is of.
+
+    Within long trials it is their variance, and a quarter of the squared difference of the means of their halves: what
+    their own mean took. Short trials, whose halves are parts of one cycle, have it of all of them together: of n units
+    with means m and mean squares s it is that of two of them drawn, mean s - (sum m)^2 without its squares, and the
+    values are the jackknife's (Tukey 1958), n log V - (n - 1) log V without the unit.
     """
+    own = np.stack([w @ (z - w @ z) ** 2 for z, w in zip(samples, shares, strict=True)])
+    taken = np.zeros_like(own)
+    for i, (z, w) in enumerate(zip(samples, shares, strict=True)):
+        middle = len(z) // 2
+        if middle > 0:
+            taken[i] = (
+                0.25 * (w[:middle] @ z[:middle] / w[:middle].sum() - w[middle:] @ z[middle:] / w[middle:].sum()) ** 2
+            )
+    in_a = (design.merge > 0).T @ design.in_a > 0
+    tiny = np.finfo(np.float64).tiny
+    short = max(
+        float((taken[in_a == side].mean(axis=0) / np.maximum(own[in_a == side].mean(axis=0), tiny)).max())
+        for side in (True, False)
+    )
+    if short < LONG:
+        logs = np.log(np.maximum(design.merge @ (own + taken), tiny))
+        a, b = (logs[design.in_a == side].mean(axis=0) for side in (True, False))
+        return b - a, logs, "within trials"
     pseudo, whole = np.zeros_like(first), []
     for side in (True, False):
         mine = np.flatnonzero(design.in_a == side)
@@ -623,7 +655,7 @@ def _log_variances(first: Array, second: Array, design: _Design) -> tuple[Array,
         whole.append(every)
         for i in range(n):
             pseudo[mine[i]] = n * every - (n - 1) * log_variance(np.arange(n) != i)
-    return whole[1] - whole[0], pseudo
+    return whole[1] - whole[0], pseudo, "all trials together"
 
 
 def _places(z: Array, pivots: NDArray[np.intp]) -> Array:

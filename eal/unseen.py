@@ -44,7 +44,10 @@ class Trial:
 
         Three for one coordinate (Gauss-Hermite), 2 d at sqrt(d) standard deviations for more.
         """
-        rows, d = np.flatnonzero(self.kept), self.mean.shape[1]
+        d = self.mean.shape[1]
+        if not self.cov.any():
+            return self.mean[self.kept], np.full(self.kept.sum(), 1.0 / self.kept.sum())
+        rows = np.flatnonzero(self.kept)
         certain = rows[np.trace(self.cov[rows], axis1=1, axis2=2) == 0.0]
         vague = np.setdiff1d(rows, certain)
         samples, shares = [self.mean[certain]], [np.ones(len(certain))]
@@ -61,7 +64,9 @@ class Trial:
             samples.append(moved.reshape(-1, d))
             shares.append(np.repeat(weights, len(vague)))
         share = np.concatenate(shares)
-        return np.concatenate(samples), share / share.sum()
+        frame = np.concatenate([certain, np.tile(vague, len(share[len(certain) :]) // max(len(vague), 1))])
+        order = np.argsort(frame, kind="stable")
+        return np.concatenate(samples)[order], share[order] / share.sum()
 
 
 def trial_of(samples: ArrayLike, *, covariances: ArrayLike | None, measured: ArrayLike | None, where: str) -> Trial:
@@ -75,11 +80,11 @@ def trial_of(samples: ArrayLike, *, covariances: ArrayLike | None, measured: Arr
     if z.ndim != 2 or not z.size or np.isinf(z).any():
         raise ValueError(f"{where}: samples must be (N, d), finite or NaN where not seen, but have shape {z.shape}")
     n, d = z.shape
-    seen = np.isfinite(z).all(axis=1)
+    seen = np.array(np.isfinite(z).all(axis=1), dtype=bool)
     if not seen.any():
         raise ValueError(f"{where}: none of its {n} frames was seen: leave the trial out")
     cov = np.zeros((n, d, d)) if covariances is None else np.array(covariances, dtype=np.float64)
-    known = seen if measured is None else np.asarray(measured, dtype=bool) & seen
+    known = seen if measured is None else np.array(np.asarray(measured, dtype=bool) & seen)
     if cov.shape != (n, d, d) or known.shape != (n,):
         raise ValueError(
             f"{where}: of {n} frames covariances must be {(n, d, d)} and measured {(n,)}, but are {cov.shape} and "
@@ -161,7 +166,7 @@ def known_phases(a: Sequence[Trial], b: Sequence[Trial]) -> tuple[list[Trial], t
     members = []
     for one in trials:
         wave = (one.mean - middle) @ axis
-        phase = np.angle(hilbert(wave - wave.mean())) if len(wave) > 2 else np.zeros(len(wave))
+        phase = np.angle(np.asarray(hilbert(wave - wave.mean()))) if len(wave) > 2 else np.zeros(len(wave))
         members.append(np.clip(((phase + np.pi) / (2.0 * np.pi) * PHASES).astype(int), 0, PHASES - 1))
     good = np.ones(PHASES, dtype=bool)
     for part in (range(len(a)), range(len(a), len(trials))):

@@ -1,12 +1,12 @@
 """How often ``eal.compare`` calls the same movement different, and how often it sees a range that has changed.
 
-python -m benchmarks.compare [--quick] [--draws N] [--rows TEXT] [--peers] --out DIR
+python -m benchmarks.compare [--quick] [--draws N] [--rows TEXT] --out DIR
 
-A joint swings through its range, in degrees. What differs between trials of one animal is drawn for each: posture, range,
-or both; trials and animals of a and b may last longer or shorter, vary more or less, and be more or fewer. In rows of the
-null nothing else differs; in rows of power the reach of b is one standard deviation larger. ``DIR/table.csv`` has a row
-for each: share of draws with p at most 0.05 and 0.01, with a band that is crossed, and with intervals of the shift and of
-the ratio of variances that hold what was made. ``--peers`` adds what the field uses, on the same draws.
+A joint swings through its range, in degrees. What differs between trials of one animal is drawn for each: posture,
+range, or both; trials and animals of a and b may last longer or shorter, vary more or less, and be more or fewer. In
+rows of the null nothing else differs; in rows of power the reach of b is one standard deviation larger.
+``DIR/table.csv`` has a row for each: per cent of draws with p at most 0.05 and 0.01, with a band that is crossed, with
+intervals of the shift and of the ratio of variances that hold what was made, and with a p of variances at most 0.05.
 """
 
 import argparse
@@ -108,17 +108,29 @@ ROWS = {
     "4 v 12, 0.12 and 1.5 s": _row({"animals": 4, "duration_s": 0.12}, {"animals": 12, "duration_s": 1.5}),
     "12 v 4, 0.12 and 1.5 s": _row({"animals": 12, "duration_s": 0.12}, {"animals": 4, "duration_s": 1.5}),
     "4 v 12, SD 8 and 4": _row({"animals": 4, "posture": 8.0}, {"animals": 12}),
-    "4 v 12 animals, 1 and 6 trials": _row({"animals": 4, "animal": 2.0}, {"animals": 12, "trials": 6, "animal": 2.0}, named=True),
+    "4 v 12 animals, 1 and 6 trials": _row(
+        {"animals": 4, "animal": 2.0}, {"animals": 12, "trials": 6, "animal": 2.0}, named=True
+    ),
     "5 v 8 animals, 1 and 3 trials": _row({"animals": 5, "animal": 2.0}, {"trials": 3, "animal": 2.0}, named=True),
-    "6 v 10 animals, 1 and 4 trials": _row({"animals": 6, "animal": 2.0}, {"animals": 10, "trials": 4, "animal": 2.0}, named=True),
+    "6 v 10 animals, 1 and 4 trials": _row(
+        {"animals": 6, "animal": 2.0}, {"animals": 10, "trials": 4, "animal": 2.0}, named=True
+    ),
     "8 v 8, 70 % above 115 degrees hidden in b": _row({}, {"hidden": 0.7}),
-    "8 v 8, dwelling, 0.15 and 2 s": _row({"wave": "dwelling", "duration_s": 0.15}, {"wave": "dwelling", "duration_s": 2.0}),
-    "6 v 10, wandering, 0.3 and 1 s": _row({"animals": 6, "wave": "wandering", "duration_s": 0.3}, {"animals": 10, "wave": "wandering", "duration_s": 1.0}),
-    "5 v 11, range SD 8 and 4": _row({"animals": 5, "posture": 0.5, "range": 8.0}, {"animals": 11, "posture": 0.5, "range": 4.0}),
+    "8 v 8, dwelling, 0.15 and 2 s": _row(
+        {"wave": "dwelling", "duration_s": 0.15}, {"wave": "dwelling", "duration_s": 2.0}
+    ),
+    "6 v 10, wandering, 0.3 and 1 s": _row(
+        {"animals": 6, "wave": "wandering", "duration_s": 0.3}, {"animals": 10, "wave": "wandering", "duration_s": 1.0}
+    ),
+    "5 v 11, range SD 8 and 4": _row(
+        {"animals": 5, "posture": 0.5, "range": 8.0}, {"animals": 11, "posture": 0.5, "range": 4.0}
+    ),
     "power: 8 v 8, posture varies": _row({}, {"reach": REACH_DEG + SD_DEG}, kind="power"),
-    "power: 8 v 8, range varies": _row({"posture": 0.0, "range": SD_DEG}, {"posture": 0.0, "range": SD_DEG, "reach": REACH_DEG + SD_DEG}, kind="power"),
+    "power: 8 v 8, range varies": _row(
+        {"posture": 0.0, "range": SD_DEG}, {"posture": 0.0, "range": SD_DEG, "reach": REACH_DEG + SD_DEG}, kind="power"
+    ),
     "power: 6 v 10, posture varies": _row({"animals": 6}, {"animals": 10, "reach": REACH_DEG + SD_DEG}, kind="power"),
-}  # fmt: skip
+}
 
 
 def measured(name: str, row: Row, draws: int) -> dict[str, object]:

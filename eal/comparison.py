@@ -365,8 +365,9 @@ def _compared(
     rows = np.split(factor.rows, np.cumsum([len(one) for one in samples])[:-1])
     operators = np.stack([(r.T @ (r * w[:, None])).reshape(-1) for r, w in zip(rows, shares, strict=True)])
     merged = design.merge @ operators
-    weights = np.ones(len(merged)) if alike else _weights(design, operators, trials, rows, shares)
-    splits = design.splits(weights, np.random.default_rng(0) if rng is None else rng)
+    weights, known = _weights(design, operators, trials, rows, shares)
+    weights = np.ones(len(merged)) if alike else weights
+    splits = design.splits(weights, known, np.random.default_rng(0) if rng is None else rng)
     place = judge(splits, _shrunk(design.contrasts(merged), design.paired), level)
 
     at = _places(z, factor.pivots) if q is None else points("q", q, d).reshape(-1, d)
@@ -479,10 +480,10 @@ class _Design:
         """(u, ...) values as they are permuted: of animals in both groups their differences, a minus b."""
         return values[self.in_a] - values[~self.in_a] if self.paired else values
 
-    def splits(self, weights: Array, rng: np.random.Generator) -> Splits:
+    def splits(self, weights: Array, alike: float, rng: np.random.Generator) -> Splits:
         """All splits, or random ones where they are many."""
         if not self.paired:
-            return two_groups(self.in_a, weights, rng)
+            return two_groups(self.in_a, weights, rng, alike=alike)
         return pairs(1.0 / (1.0 / weights[self.in_a] + 1.0 / weights[~self.in_a]), rng)
 
     def own(self, side: bool, weights: Array) -> Array:
@@ -532,8 +533,8 @@ def _enough(design: _Design, level: float) -> None:
 
 def _weights(
     design: _Design, operators: Array, trials: Sequence[Trial], rows: Sequence[Array], shares: Sequence[Array]
-) -> Array:
-    """(u,) what each unit counts: 1 / (variance between units + its own), by moments.
+) -> tuple[Array, float]:
+    """(u,) what each unit counts: 1 / (variance between units + its own), by moments; how alike the groups are in it.
 
     A trial's own variance is c / N_i: a quarter of the squared distance of the operators of its halves, taken together
     over the trials of a group (whose frames last equally long). Trials of one animal tell theirs by how they differ.
@@ -559,9 +560,10 @@ def _weights(
         spread[mine] = np.sum((merged[mine] - merged[mine].mean(axis=0)) ** 2) / max(mine.sum() - 1, 1)
     common = max(float(spread.mean() - known.mean()), 0.1 * float(spread.mean()))  # no unit is known without end
     weights = 1.0 / (common + known) if common > 0.0 else np.ones(len(merged))
-    for side in (True, False):  # between groups they change no mean, and would make splits unlike the observed one
-        weights[design.in_a == side] /= weights[design.in_a == side].mean()
-    return weights
+    means = [float(weights[design.in_a == side].mean()) for side in (True, False)]
+    for side, mean in zip((True, False), means, strict=True):
+        weights[design.in_a == side] /= mean  # between groups they change no mean, and make splits unlike the observed
+    return weights, min(means) / max(means)
 
 
 def _unseen(trials: Sequence[Trial]) -> float:

@@ -34,6 +34,8 @@ class Splits:
         shifted: (u,) 1 for units that a shift of b against a moves.
         paired: Whether units are differences.
         least_p: The smallest p that so many splits allow.
+        alike: Of what is known of units (1 over their variance), as stated before any split, the mean in the group of
+            less over that in the other: 1 for groups whose units are known equally.
     """
 
     mean: tuple[Array, ...]
@@ -41,6 +43,7 @@ class Splits:
     shifted: Array
     paired: bool
     least_p: float
+    alike: float = 1.0
 
     def __len__(self) -> int:
         """P."""
@@ -127,8 +130,8 @@ class Splits:
     def doubt(self, traces: tuple[float, float]) -> float:
         """How little the observed split is like the others: 0 for equal groups of equal spread, 1 if one decides alone.
 
-        1 - (share of Welch's degrees of freedom between those of the smaller group and those of both) (n / m)^2, n the
-        units of the smaller group and m those of the larger.
+        1 - (share of Welch's degrees of freedom between those of the smaller group and those of both) (n / m)^2
+        ``alike``, n the units of the smaller group and m those of the larger.
 
         Args:
             traces: Of the variance of the mean of a, and of b.
@@ -137,7 +140,8 @@ class Splits:
         low, high = max(min(n) - 1.0, 1.0), max(sum(n) - 2.0, 2.0)
         below = sum(v**2 / max(k - 1.0, 1.0) for v, k in zip(traces, n, strict=True))
         welch = sum(traces) ** 2 / below if below > 0.0 else high
-        return float(1.0 - np.clip((welch - low) / (high - low), 0.0, 1.0) * (min(n) / max(n)) ** 2)
+        share = np.clip((welch - low) / (high - low), 0.0, 1.0) * (min(n) / max(n)) ** 2
+        return float(1.0 - self.alike * share)
 
 
 def _dot(x: Array, y: Array) -> Array:
@@ -190,17 +194,18 @@ def _share(statistic: Array) -> float:
     return float(np.mean(statistic >= statistic[0] - 1e-9 * abs(statistic[0])))
 
 
-def two_groups(in_a: NDArray[np.bool_], weights: Array, rng: np.random.Generator) -> Splits:
+def two_groups(in_a: NDArray[np.bool_], weights: Array, rng: np.random.Generator, *, alike: float = 1.0) -> Splits:
     """Splits of units into groups as large as the observed; all of them where they are few.
 
     Args:
         in_a: (u,) whether each unit is in a.
         weights: (u,) what each counts in the mean of its group, 1 over its variance; goes with it into any group.
         rng: For splits where there are too many for all of them.
+        alike: See ``Splits``.
     """
     first = np.asarray(in_a, dtype=bool)
     u, n_a = len(first), int(first.sum())
-    total, alike = comb(u, n_a), 2 if 2 * n_a == u else 1  # halves exchanged are as far apart
+    total, mirrored = comb(u, n_a), 2 if 2 * n_a == u else 1  # halves exchanged are as far apart
     if total <= PERMUTATIONS:
         order = np.concatenate([np.flatnonzero(first), np.flatnonzero(~first)])
         chosen = np.zeros((total, u), dtype=bool)  # in lexical order: the observed, the first n_a, comes first
@@ -208,7 +213,7 @@ def two_groups(in_a: NDArray[np.bool_], weights: Array, rng: np.random.Generator
         chosen[np.repeat(np.arange(total), n_a), rows] = True
     else:
         chosen = np.vstack([first, rng.permuted(np.tile(first, (PERMUTATIONS, 1)), axis=1)])
-        alike = 1
+        mirrored = 1
     means = []
     for members in (chosen, ~chosen):
         share = members * weights
@@ -218,7 +223,8 @@ def two_groups(in_a: NDArray[np.bool_], weights: Array, rng: np.random.Generator
         spread=tuple(_spread(mean) for mean in means),
         shifted=(~first).astype(np.float64),
         paired=False,
-        least_p=alike / len(chosen),
+        least_p=mirrored / len(chosen),
+        alike=alike,
     )
 
 

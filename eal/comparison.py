@@ -603,7 +603,8 @@ def _quantiles(samples: Sequence[Array], shares: Sequence[Array], of_trials: Arr
     for x in z.T:
         order = np.argsort(x, kind="stable")
         below = np.cumsum(weight[order])
-        out.append(np.interp(wanted, (below - 0.5 * weight[order]) / below[-1], x[order]))
+        before = below - weight[order]
+        out.append(np.interp(wanted, before / max(before[-1], np.finfo(np.float64).tiny), x[order]))
     return np.array(out)
 
 

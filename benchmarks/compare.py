@@ -142,7 +142,7 @@ def measured(name: str, row: Row, draws: int) -> dict[str, object]:
         one = compare(a, b, animals=(of_a, of_b) if row.named else None)
         found["p05"].append(one.p_value <= 0.05)
         found["p01"].append(one.p_value <= 0.01)
-        found["band"].append(one.differs.any())
+        found["band"].append(bool(one.differs.any()))
         found["shift"].append(one.shift_interval[0, 0] <= 0.0 <= one.shift_interval[0, 1])
         low, high = np.log(one.variance_ratio_interval[0])
         within = one.variance_of == "within trials"

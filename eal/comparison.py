@@ -600,6 +600,7 @@ def _quantiles(samples: Sequence[Array], shares: Sequence[Array], of_trials: Arr
     z = np.concatenate(samples)
     weight = np.concatenate([share * w for share, w in zip(of_trials, shares, strict=True)])
     out = []
+    z, weight = z[weight > 0.0], weight[weight > 0.0]
     for x in z.T:
         order = np.argsort(x, kind="stable")
         below = np.cumsum(weight[order])

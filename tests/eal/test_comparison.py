@@ -67,8 +67,10 @@ def test_effects_are_those_that_were_made(rng):
 def test_intervals_are_of_trials_not_of_frames(rng):
     """The interval of the shift is of so many trials: frames given thrice change nothing."""
     a, b = swings(rng, 6), swings(rng, 6)
-    one, three = compare(a, b), compare([np.repeat(x, 3, axis=0) for x in a], [np.repeat(x, 3, axis=0) for x in b])
-    np.testing.assert_allclose(three.shift_interval, one.shift_interval, atol=1e-9)
+    kernel = GaussianKernel(1e-3)
+    thrice = ([np.repeat(x, 3, axis=0) for x in group] for group in (a, b))
+    one, three = compare(a, b, kernel=kernel), compare(*thrice, kernel=kernel)
+    np.testing.assert_allclose(three.shift_interval, one.shift_interval, atol=1e-4)  # pivots are accurate to 1e-6
     assert three.p_value == pytest.approx(one.p_value, abs=0.01)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
 
 from eal.arrays import Array, points
 from eal.fitting import pivoted_cholesky
@@ -43,6 +44,44 @@ def value_deviation(
     """
     middle, values = resampled_values(potential, q, rng=rng, block=block, trials=trials, resamples=resamples)
     return np.sqrt(((values - middle) ** 2).mean(axis=0)).reshape(np.shape(q)[:-1])
+
+
+def value_interval(
+    potential: EmpiricalPotential,
+    q: ArrayLike,
+    *,
+    trials: Sequence[int],
+    rng: np.random.Generator,
+    level: float = 0.95,
+    resamples: int = 40,
+) -> tuple[Array, Array]:
+    """Interval of V_z at each point that holds the mean over other recordings of as many trials, Student's.
+
+    The bootstrap of n trials makes a variance (n - 1) / n too small, and few trials know it badly: 1.96 of its standard
+    deviations held 74 % (3 trials) and 77 % (6). Here it is corrected and multiplied by Student's quantile for n - 1.
+    V is in [0, 1], and so are the ends. Below four trials it holds less than it says.
+
+    Args:
+        potential: V_z, learned from samples in the order of time, trial after trial.
+        q: (..., d) points.
+        trials: Numbers of samples of the trials.
+        rng: For what is drawn.
+        level: Of the interval.
+        resamples: Number of resamples.
+
+    Returns:
+        (...) lower and upper ends.
+
+    Raises:
+        ValueError: fewer than two trials; else as ``value_deviation``.
+    """
+    n = len(trials)
+    if n < 2:
+        raise ValueError(f"an interval over trials needs two at least, but there are {n}: take value_deviation")
+    sd = value_deviation(potential, q, rng=rng, trials=trials, resamples=resamples)
+    half = float(stdtrit(n - 1, 0.5 + 0.5 * level)) * sd * np.sqrt(n / (n - 1))
+    middle = potential.value(q)
+    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
 
 
 def resampled_values(

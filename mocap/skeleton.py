@@ -303,11 +303,13 @@ def skeleton_from_toml(path: Path) -> Skeleton:
     if unknown:
         raise SkeletonError(f"{path}: unknown key {min(unknown)!r}: a skeleton has {', '.join(sorted(_KEYS))}")
     try:
-        found = checked("skeleton", table, _ENTRIES, again=_AGAIN)
+        found, bones = checked("skeleton", table, _ENTRIES, again=_AGAIN), table.get("bones", ())
         return Skeleton(
             name=visible(found["name"][()]) if "name" in found else path.stem,
             markers=tuple(found["markers"]),
-            bones=_named(table, "bones").values() if isinstance(table.get("bones"), dict) else table.get("bones", ()),
+            bones=list(_named(table, "bones").values())
+            if isinstance(table.get("bones"), dict)
+            else table.get("bones", ()),
             joints=_named(table, "joints"),
             bodies=_named(table, "bodies"),
             trunk=tuple(found.get("trunk", ())),

@@ -41,6 +41,7 @@ SLOW = {
     "eal/joint_design/test_snap_through.py": 12,
     "eal/joint_design/test_truss_equilibrium.py": 2,
     "eal/test_choice.py": 4,
+    "eal/test_comparison.py": 12,
     "eal/test_errata.py": 9,
     "eal/test_integrators.py": 4,
     "eal/test_radius.py": 6,

@@ -369,7 +369,7 @@ def _named(
         }[kind]
         words.append(f"{formula} in {', '.join(repr(names[i]) for i in which)}")
     return Arrangement(
-        kind=Kind.SHIFTED_PIXELS if set(change.kinds) & set(SHIFTS) else "mirrored pixels",
+        kind=Kind.SHIFTED_PIXELS if set(change.kinds) & set(SHIFTS) else Kind.MIRRORED_PIXELS,
         cameras=tuple(name for name, kind in zip(names, change.kinds, strict=True) if kind),
         change="the pixels belong to their calibration with " + " and ".join(words),
         residual_px=as_is,

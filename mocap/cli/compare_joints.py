@@ -17,20 +17,23 @@ def compare_joints(
         typer.Argument(help="Folder of the runs to compare with; the same folder to compare two joints of each run."),
     ],
     joint: Annotated[
-        str,
+        list[str],
         typer.Option(
-            help="Name of the joint; without a side (elbow): both sides; two (elbow_l,elbow_r): one for each group."
+            help="Name of the joint; without a side (elbow): both sides; two (elbow_l,elbow_r): one for each group. "
+            "Several times, or all: several joints at once."
         ),
     ],
     out: Annotated[Path | None, typer.Option(help="Folder to write: report, figure and rerun recording.")] = None,
     animals: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--animals",
-            help="Permute animals, not trials: the runs in one folder are of one animal. An animal with runs in both "
-            "groups is compared with itself.",
+            "--animals/--trials",
+            help="Permute animals (the runs in one folder are of one animal; an animal with runs in both groups is "
+            "compared with itself), or trials (the result holds within these animals).  [default: animals, where a "
+            "summary of mocap batch or folders tell them]",
+            show_default=False,
         ),
-    ] = False,
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -38,12 +41,18 @@ def compare_joints(
     from mocap.io.output import result_folder
     from mocap.results import joint_comparison
 
-    found = joint_comparison.compare_joints(runs_a, runs_b, joint=joint, by="animal" if animals else "trial")
+    by = None if animals is None else "animal" if animals else "trial"
+    found = joint_comparison.compare_several(runs_a, runs_b, joints=joint, by=by)
+    only = next(iter(found.values())) if len(found) == 1 else None
     if out is not None:
         with result_folder(out, "compare-joints", replace=force, inputs=[runs_a, runs_b], tell=say) as folder:
-            joint_comparison.write_comparison(found, folder)
+            if only is not None:
+                joint_comparison.write_comparison(only, folder)
+            else:
+                joint_comparison.write_several(found, folder)
     if as_json:
-        print(json.dumps(joint_comparison.report(found)))  # noqa: T201
+        several = {name: joint_comparison.report(one) for name, one in found.items()}
+        print(json.dumps(several if only is None else joint_comparison.report(only)))  # noqa: T201
         return
     show_text(joint_comparison.readable(found, (runs_a, runs_b)))
     if out is not None:

@@ -417,7 +417,7 @@ def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
             "tracks): correct it, or state the rate as `fps`, and times are not used"
         )
     uneven = np.ptp(steps) > 0.5 * np.median(steps)
-    fps = 1 / np.median(steps) if uneven else _rounded_rate(t_s)
+    fps = float(1 / np.median(steps)) if uneven else _rounded_rate(t_s)
     notes = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
     return float(f"{fps:.9g}"), [*notes, *slow_rate(fps, t_s)]
 

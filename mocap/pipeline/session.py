@@ -9,6 +9,7 @@ from mocap.audit.across import TrialFacts, median_lengths
 from mocap.audit.geometry import handedness, jitter_px
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.pipeline.decided import decided
 from mocap.recording import Recording
 
 FRAMES = 200
@@ -38,7 +39,7 @@ def facts_of(
         "fps": float(recording.fps or np.nan),
         "markers": tuple(name for name, shown in zip(recording.names, ever, strict=True) if shown),
         "cameras": recording.camera_names if "pixels" in recording.data else (),
-        "unit": recording.unit or recording.data.attrs.get("space_unit") or "",
+        "unit": recording.source.unit or recording.data.attrs.get("space_unit") or "",
         "stated": stated,
     }
     if not len(frames):
@@ -58,8 +59,8 @@ def facts_of(
             facts["residual_px"] = float(np.nanmedian(miss))
             looked = np.isfinite(ideal[:, some, :, 0]).reshape(len(ideal), -1)
             facts["camera_px"] = tuple(map(float, by_camera(miss.ravel(), looked)))
-        if recording.rows is not None:
-            facts["mirrored"] = handedness(recording.cameras, y_up=recording.rows.coefficients == "lower-left")
+        if (rows := decided(recording).rows) is not None:
+            facts["mirrored"] = handedness(recording.cameras, y_up=rows.coefficients == "lower-left")
     else:
         xyz, later = (recording.xyz_m[index] for index in (some, after))
     lengths = median_lengths(recording.names, xyz)

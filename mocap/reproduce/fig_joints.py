@@ -117,7 +117,7 @@ def _map(samples_m: Array, x: Array, y: Array, *, widths: float) -> Array:
 
 
 def joint_verdicts(samples_m: Array, x: Array, y: Array, v: Array) -> tuple[Verdict, ...]:
-    """What a map of a joint must show, whichever the joint: a valley, as wide as the kernel, on the flexor's side.
+    """What a map of a joint must show, whichever the joint: a valley, as wide as the kernel.
 
     Args:
         samples_m: (N, 2) samples in metres, in the order of time.
@@ -148,15 +148,6 @@ def joint_verdicts(samples_m: Array, x: Array, y: Array, v: Array) -> tuple[Verd
             distance,
             control="a kernel twice as wide",
             faulty=_rise(samples_m, x, y, _map(samples_m, x, y, widths=2.0)),
-        ),
-        judged(
-            _RANGE,
-            "the second coordinate is across the arm: never negative, as the first is where the elbow is folded",
-            f"least {1e3 * samples_m[:, 0].min():.2g} and {1e3 * samples_m[:, 1].min():.2g} mm",
-            lambda z: z[:, 1].min() >= 0.0 > z[:, 0].min(),
-            samples_m,
-            control="swapped axes",
-            faulty=samples_m[:, ::-1],
         ),
     )
 

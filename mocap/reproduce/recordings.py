@@ -19,6 +19,7 @@ from mocap.datasets.lizards import make_lizard
 from mocap.datasets.pendulums import make_pendulum_film
 from mocap.filters.body_axes import body_frames
 from mocap.joints import joint_variables
+from mocap.pipeline.cleaned import cleaned
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.recording import Recording
@@ -195,13 +196,13 @@ def _sights(
 ) -> JointSights:
     if not prepared.cameras:
         raise ValueError(f"{prepared.name}: has no cameras: give pixels")
-    m = prepared.names.index(child)
+    m, noise = prepared.names.index(child), cleaned(prepared).noise
     return JointSights(
         t_s=prepared.t_s,
         matrices=prepared.matrices,
         uv_px=prepared.uv_px[:, :, [m]],
         sd_px=prepared.ray_scale_px[:, :, [m]],
-        dof=np.full(len(prepared.uv_px), USUAL_DOF) if prepared.noise is None else prepared.noise.dof,
+        dof=np.full(len(prepared.uv_px), USUAL_DOF) if noise is None else noise.dof,
         centre_m=centre_m,
         centre_cov_m2=centre_cov_m2,
         axes=axes,

@@ -21,8 +21,8 @@ from eal import (
 from eal.archive import ArchiveError
 from eal.arrays import Z95
 from eal.checks import checked_lambda
-from eal.comparison import _splits
 from eal.integrators import IntegrationError
+from eal.splits import two_groups
 
 
 def changed(tmp_path, **arrays):
@@ -89,8 +89,7 @@ def test_five_blocks_or_ten_trials_are_left_out():
 @pytest.mark.parametrize(("trials", "splits"), [(15, 6435), (16, 10000)])
 def test_splits_are_drawn_where_there_are_more_than_9999(trials, splits):
     """Of 15 trials (15 choose 7) are looked at, of 16 not all 12870, but 9999 and the observed one."""
-    sides = np.where(np.arange(trials) < trials // 2, 1.0, -1.0)
-    assert len(_splits(sides, "trials", np.random.default_rng(0))[0]) == splits
+    assert len(two_groups(np.arange(trials) < trials // 2, np.ones(trials), np.random.default_rng(0))) == splits
 
 
 def test_ranges_hold_95_percent_of_the_samples():

@@ -53,7 +53,7 @@ def test_figures_are_written_with_verdicts(arcs, tmp_path):
     assert small == [pytest.approx(8.17e-7, rel=0.05)]
     assert all(v.refused for v in verdicts)
     held = {v.figure: [w.holds for w in verdicts if w.figure == v.figure] for v in verdicts}
-    assert held == {"14a": [True, True, True, False, True], "12": [True], "7": [True, True, True]}
+    assert held == {"14a": [True, True, True, False, True], "12": [True], "7": [True, True]}
 
 
 @pytest.mark.usefixtures("coarser")
@@ -88,17 +88,16 @@ def test_maps_of_joints_notice_a_narrower_kernel(arcs, monkeypatch):
 
 
 def test_maps_of_joints_notice_what_is_no_joint(arcs, rng):
-    """Swapped axes, also of the map alone; coordinates shuffled each by itself; noise in the place of the lizard."""
+    """Coordinates shuffled each by itself; noise in the place of the lizard."""
     z = arcs["lizard"]
     shuffled = np.column_stack([rng.permutation(column) for column in z.T])
     noise = rng.uniform(z.min(axis=0), z.max(axis=0), z.shape)
     assert all(v.holds for v in figure_7(z, quick=True).verdicts)
-    assert not figure_7(z[:, ::-1], quick=True).verdicts[2].holds
     assert not figure_7(shuffled, quick=True).verdicts[0].holds
     assert not figure_7(noise, quick=True).verdicts[0].holds
     x, y = (np.linspace(a - 0.004, b + 0.004, 60) for a, b in zip(z.min(axis=0), z.max(axis=0), strict=True))
     v = fig_joints._map(z, x, y, widths=1.0)
-    assert [one.holds for one in fig_joints.joint_verdicts(z, x, y, v)] == [True, True, True]
+    assert [one.holds for one in fig_joints.joint_verdicts(z, x, y, v)] == [True, True]
     assert not fig_joints.joint_verdicts(z, x, y, v.T)[1].holds
 
 

@@ -43,7 +43,12 @@ def test_a_shift_in_degrees_is_found_whatever_the_size(mocap, rng, tmp_path):
     assert found == json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
     _, told, _ = mocap("compare-joints", a, b, "--joint", "elbow")
     starts = [line.split(":")[0] for line in told.strip().splitlines()]
-    assert starts == ["a", "different", "elbow angle"]  # each on a line of its own, none broken
+    assert starts == [
+        "a",
+        "within these animals, whose trials were permuted",
+        "elbow angle",
+        "for the methods section",
+    ]  # each on a line of its own, none broken
     table = pd.read_csv(tmp_path / "out" / "difference.csv")
     assert set(table["differs"]) == {True, False}
     assert (np.sign(table.time_a - table.time_b)[table.differs & (table.angle_deg > 125)] == -1).all()
@@ -84,6 +89,30 @@ def test_what_cannot_be_judged_is_refused_in_one_line(mocap, rng, tmp_path):
         assert code == 1
         assert message.replace("`joint`", "--joint") in err
         assert len(err.strip().splitlines()) == 1
+
+
+def test_animals_are_told_by_folders(mocap, rng, tmp_path):
+    """Two animals of four trials a side are two units: refused, and by trial called within these animals."""
+    a = write_runs(tmp_path / "a", rng, count=8, animals=[*"xxxxyyyy"])
+    b = write_runs(tmp_path / "b", rng, count=8, animals=[*"vvvvwwww"])
+    code, _, err = mocap("compare-joints", a, b, "--joint", "elbow")
+    assert code == 1
+    assert "2 and 2 animals are too few to judge" in err
+    assert "within these animals" in err
+    code, out, err = mocap("compare-joints", a, b, "--joint", "elbow", "--trials")
+    assert code == 0, err
+    assert "within these animals, whose trials were permuted: " in " ".join(out.split())
+
+
+def test_several_joints_are_one_table(mocap, rng, tmp_path):
+    """``all`` is each joint of the runs; p of all is never below p alone."""
+    a, b = write_runs(tmp_path / "a", rng), write_runs(tmp_path / "b", rng, posture=100.0)
+    code, out, err = mocap("compare-joints", a, b, "--joint", "all", "--out", tmp_path / "out", "--json")
+    assert code == 0, err
+    assert set(json.loads(out)) == {"elbow_l", "elbow_r"}
+    table = pd.read_csv(tmp_path / "out" / "joints.csv")
+    assert (table.p_of_all >= table.p).all()
+    assert (tmp_path / "out" / "elbow_l" / "comparison.png").is_file()
 
 
 def test_sides_are_taken_out_of_names():

@@ -1,0 +1,185 @@
+"""How often ``eal.compare`` calls the same movement different, and how often it sees a range that has changed.
+
+python -m benchmarks.compare [--quick] [--draws N] [--rows TEXT] --out DIR
+
+A joint swings through its range, in degrees. What differs between trials of one animal is drawn for each: posture,
+range, or both; trials and animals of a and b may last longer or shorter, vary more or less, and be more or fewer. In
+rows of the null nothing else differs; in rows of power the reach of b is one standard deviation larger.
+``DIR/table.csv`` has a row for each: per cent of draws with p at most 0.05 and 0.01, with a band that is crossed, with
+intervals of the shift and of the ratio of variances that hold what was made, and with a p of variances at most 0.05.
+"""
+
+import argparse
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eal import compare
+from eal.arrays import Array
+from eal.threads import one_blas_thread
+
+SWING_HZ, CENTRE_DEG, REACH_DEG, NOISE_DEG = 5.0, 90.0, 40.0, 1.0
+SD_DEG = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """How one side is recorded.
+
+    Attributes:
+        animals: Number of animals, or of trials where each has one.
+        trials: Of each animal.
+        duration_s: Of a trial.
+        fps: Frames a second.
+        posture: SD between trials of an animal, in degrees.
+        animal: SD between animals of the posture.
+        range: SD between trials of the reach to either side.
+        reach: Mean of that.
+        hidden: Share of the frames above 115 degrees that nobody saw.
+        hz: Swings a second.
+        wave: ``sine``, ``dwelling`` (longer at one end), or ``wandering`` (no cycle at all).
+    """
+
+    animals: int = 8
+    trials: int = 1
+    duration_s: float = 0.6
+    fps: float = 250.0
+    posture: float = SD_DEG
+    animal: float = 0.0
+    range: float = 0.0
+    reach: float = REACH_DEG
+    hidden: float = 0.0
+    hz: float = SWING_HZ
+    wave: str = "sine"
+
+    def draw(self, rng: np.random.Generator, name: str) -> tuple[list[Array], list[str]]:
+        """Trials, each (N, 1) degrees with NaN where hidden, and whose each is."""
+        trials, owners = [], []
+        for animal in range(self.animals):
+            own = CENTRE_DEG + self.animal * rng.standard_normal()
+            for _ in range(self.trials):
+                middle = own + self.posture * rng.standard_normal()
+                angle = middle + (self.reach + self.range * rng.standard_normal()) * self._wave(rng)
+                seen = angle + NOISE_DEG * rng.standard_normal(len(angle))
+                if self.hidden:
+                    seen[(angle > 115.0) & (rng.random(len(angle)) < self.hidden)] = np.nan
+                trials.append(seen[:, None])
+                owners.append(f"{name}{animal}")
+        return trials, owners
+
+    def _wave(self, rng: np.random.Generator) -> Array:
+        n = max(round(self.duration_s * self.fps), 4)
+        start, hz = rng.uniform(0.0, 2.0 * np.pi), self.hz * np.exp(0.1 * rng.standard_normal())
+        phase = start + 2.0 * np.pi * hz * np.arange(n) / self.fps
+        if self.wave == "sine":
+            return np.sin(phase)
+        if self.wave == "dwelling":
+            return (np.exp(1.5 * np.sin(phase)) - 1.6467) / 1.15  # mean of exp(1.5 sin) is I_0(1.5)
+        keep = np.exp(-2.0 * np.pi * self.hz / self.fps)
+        steps, out = rng.standard_normal(n), np.empty(n)
+        out[0] = steps[0]
+        for i in range(1, n):
+            out[i] = keep * out[i - 1] + np.sqrt(1.0 - keep**2) * steps[i]
+        return out / np.sqrt(2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """Two groups, and whether animals are named."""
+
+    a: Group = field(default_factory=Group)
+    b: Group = field(default_factory=Group)
+    named: bool = False
+    kind: str = "null"
+
+
+def _row(a: Mapping[str, object], b: Mapping[str, object], *, named: bool = False, kind: str = "null") -> Row:
+    return Row(a=Group(**a), b=Group(**b), named=named, kind=kind)  # type: ignore[arg-type]
+
+
+ROWS = {
+    "8 v 8": _row({}, {}),
+    "8 v 8, 0.15 and 2 s": _row({"duration_s": 0.15}, {"duration_s": 2.0}),
+    "8 v 8, 60 and 1000 frames/s": _row({"fps": 60.0}, {"fps": 1000.0}),
+    "4 v 12, 0.12 and 1.5 s": _row({"animals": 4, "duration_s": 0.12}, {"animals": 12, "duration_s": 1.5}),
+    "12 v 4, 0.12 and 1.5 s": _row({"animals": 12, "duration_s": 0.12}, {"animals": 4, "duration_s": 1.5}),
+    "4 v 12, SD 8 and 4": _row({"animals": 4, "posture": 8.0}, {"animals": 12}),
+    "4 v 12 animals, 1 and 6 trials": _row(
+        {"animals": 4, "animal": 2.0}, {"animals": 12, "trials": 6, "animal": 2.0}, named=True
+    ),
+    "5 v 8 animals, 1 and 3 trials": _row({"animals": 5, "animal": 2.0}, {"trials": 3, "animal": 2.0}, named=True),
+    "6 v 10 animals, 1 and 4 trials": _row(
+        {"animals": 6, "animal": 2.0}, {"animals": 10, "trials": 4, "animal": 2.0}, named=True
+    ),
+    "8 v 8, 70 % above 115 degrees hidden in b": _row({}, {"hidden": 0.7}),
+    "8 v 8, dwelling, 0.15 and 2 s": _row(
+        {"wave": "dwelling", "duration_s": 0.15}, {"wave": "dwelling", "duration_s": 2.0}
+    ),
+    "6 v 10, wandering, 0.3 and 1 s": _row(
+        {"animals": 6, "wave": "wandering", "duration_s": 0.3}, {"animals": 10, "wave": "wandering", "duration_s": 1.0}
+    ),
+    "5 v 11, range SD 8 and 4": _row(
+        {"animals": 5, "posture": 0.5, "range": 8.0}, {"animals": 11, "posture": 0.5, "range": 4.0}
+    ),
+    "power: 8 v 8, posture varies": _row({}, {"reach": REACH_DEG + SD_DEG}, kind="power"),
+    "power: 8 v 8, range varies": _row(
+        {"posture": 0.0, "range": SD_DEG}, {"posture": 0.0, "range": SD_DEG, "reach": REACH_DEG + SD_DEG}, kind="power"
+    ),
+    "power: 6 v 10, posture varies": _row({"animals": 6}, {"animals": 10, "reach": REACH_DEG + SD_DEG}, kind="power"),
+}
+
+
+def measured(name: str, row: Row, draws: int) -> dict[str, object]:
+    """Shares over draws, in per cent."""
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    found: dict[str, list[float]] = {key: [] for key in ("p05", "p01", "band", "shift", "ratio", "variance_p05")}
+    for _ in range(draws):
+        (a, of_a), (b, of_b) = row.a.draw(rng, "a"), row.b.draw(rng, "b")
+        one = compare(a, b, animals=(of_a, of_b) if row.named else None)
+        found["p05"].append(one.p_value <= 0.05)
+        found["p01"].append(one.p_value <= 0.01)
+        found["band"].append(bool(one.differs.any()))
+        found["shift"].append(one.shift_interval[0, 0] <= 0.0 <= one.shift_interval[0, 1])
+        low, high = np.log(one.variance_ratio_interval[0])
+        within = one.variance_of == "within trials"
+        made = np.log(_variance(row.b, within=within) / _variance(row.a, within=within))
+        found["ratio"].append(low <= made <= high)
+        found["variance_p05"].append(one.variance_p[0] <= 0.05)
+    return {"row": name, "kind": row.kind, "draws": draws, **{key: 100.0 * np.mean(x) for key, x in found.items()}}
+
+
+def _variance(group: Group, *, within: bool) -> float:
+    """Of the angle over the time of a trial, or of all of them."""
+    wave = {"sine": 0.5, "dwelling": 0.7895, "wandering": 0.5}[group.wave]  # (I_0(3) - I_0(1.5)^2) / 1.15^2
+    own = wave * (group.reach**2 + group.range**2) + NOISE_DEG**2
+    return own if within else own + group.posture**2 + group.animal**2
+
+
+def main() -> None:
+    """Measure, print and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--draws", type=int, default=None)
+    parser.add_argument("--rows", default="", help="only rows whose name has this in it")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    draws = options.draws or (10 if options.quick else 400)
+    options.out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    with one_blas_thread():
+        for name, row in ROWS.items():
+            if options.rows not in name:
+                continue
+            rows.append(measured(name, row, draws))
+            print(
+                ", ".join(f"{k} {v:.1f}" if isinstance(v, float) else f"{v}" for k, v in rows[-1].items()), flush=True
+            )
+            pd.DataFrame(rows).to_csv(options.out / "table.csv", index=False, float_format="%.4g")
+
+
+if __name__ == "__main__":
+    main()

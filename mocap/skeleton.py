@@ -307,9 +307,7 @@ def skeleton_from_toml(path: Path) -> Skeleton:
         return Skeleton(
             name=visible(found["name"][()]) if "name" in found else path.stem,
             markers=tuple(found["markers"]),
-            bones=list(_named(table, "bones").values())
-            if isinstance(table.get("bones"), dict)
-            else table.get("bones", ()),
+            bones=list(_named(table, "bones").values()) if isinstance(bones, dict) else bones,
             joints=_named(table, "joints"),
             bodies=_named(table, "bodies"),
             trunk=tuple(found.get("trunk", ())),

@@ -18,6 +18,7 @@ from typing import Any, Literal, get_args
 from mocap.documents import decoded, from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError, shown_elsewhere
 from mocap.io.crop import crops_beside
+from mocap.io.lines import not_split
 from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
 from mocap.pipeline.reading import read
@@ -200,7 +201,7 @@ def read_manifest(path: Path) -> list[Trial]:
                 raise FormatError(f"{where}: two trials are called {trial.name!r}: rename one")
             found[trial.name.casefold()] = trial
     except csv.Error as error:
-        raise FormatError(f"{path.name}: line {table.line_num}: {error}: save it again as CSV") from None
+        raise not_split(path, table.line_num, error) from None
     if not found:
         raise FormatError(f"{path.name}: has no trials: expected a row each, with a path")
     return list(found.values())

@@ -89,15 +89,19 @@ def cells_of(
         try:
             row = next(rows, None)
         except csv.Error as error:
-            line = rows.line_num + first_line - 1
-            if "field limit" in str(error):
-                raise _too_long(path, line) from None
-            raise FormatError(
-                f"{path.name}: line {line} cannot be split into cells ({error}): correct it, or export the file again"
-            ) from None
+            raise not_split(path, rows.line_num + first_line - 1, error) from None
         if row is None:
             return
         yield row
+
+
+def not_split(path: Path, line: int, error: csv.Error) -> FormatError:
+    """What is said of a line that is no cells."""
+    if "field limit" in str(error):
+        return _too_long(path, line)
+    return FormatError(
+        f"{path.name}: line {line} cannot be split into cells ({error}): correct it, or export the file again"
+    )
 
 
 _CELL = re.compile(rb'"[^"]*"|[^,;\t "]+')

@@ -1,4 +1,7 @@
-"""A name in a file must not become a formula of the spreadsheet that opens it, and must come back as it was."""
+"""A name in a file must not become a formula of the spreadsheet that opens it, and must come back as it was.
+
+Characters that act on a terminal come back as they are shown.
+"""
 
 import csv
 import re
@@ -13,6 +16,7 @@ from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.dltdv import write_residuals
 from mocap.io.registry import read, write
 from mocap.results.tables import write_markers
+from mocap.text import visible
 
 HOSTILE = ("=cmd|'/c calc'!A1", "+1+cmd|x", "-2+3", "@SUM(A1)", "＝1", "'=1", "a;=1+1", 'b","=1', "=a\\nb")
 BROKEN = ("\t=1", "\r=1", "a\r=1", "a\n=1", "a\t=1")
@@ -36,6 +40,11 @@ def test_ordinary_text_is_written_as_it_is():
     for text in ("wrist_l", "o'brien", "C:\\n", "d3 tip", "a=b", "1-2", ""):
         assert as_cell(text) == text
         assert from_cell(text) == text
+
+
+def shown(name):
+    """A name as files give it: line ends and what acts on a terminal are escaped."""
+    return visible(name).replace("\n", "\\n")
 
 
 def cells_that_run(path):
@@ -70,7 +79,7 @@ def test_names_of_markers(tmp_path, format, file, names):
     for file in tmp_path.iterdir():
         assert cells_that_run(file) == []
     back = read(path if path.exists() else next(tmp_path.glob("*xyzpts.csv")))
-    assert back.names == names
+    assert back.names == tuple(map(shown, names))
 
 
 def test_names_of_cameras(tmp_path):
@@ -80,7 +89,7 @@ def test_names_of_cameras(tmp_path):
     write(pixel_recording(path, "csv-long", names=names, cameras=cameras, uv_px=uv, fps=100.0), path, "csv-long")
     assert cells_that_run(path) == []
     back = read(path)
-    assert (back.names, back.camera_names) == (names, cameras)
+    assert (back.names, back.camera_names) == (tuple(map(shown, names)), cameras)
 
 
 def test_tables_of_a_run_and_residuals(tmp_path):
@@ -89,6 +98,6 @@ def test_tables_of_a_run_and_residuals(tmp_path):
     tracks = points(tmp_path / "a", names).points
     write_markers(tracks, np.zeros(tracks.seen.shape, dtype=bool), tmp_path / "markers.csv")
     write_residuals(tmp_path / "xyzres.csv", names, np.ones(tracks.seen.shape))
-    assert read(tmp_path / "markers.csv").names == names
+    assert read(tmp_path / "markers.csv").names == tuple(map(shown, names))
     assert cells_that_run(tmp_path / "markers.csv") == []
     assert cells_that_run(tmp_path / "xyzres.csv") == []

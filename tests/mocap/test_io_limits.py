@@ -89,7 +89,7 @@ def test_what_no_recording_is(given, ok):
 
 
 @pytest.mark.parametrize(
-    ("px", "score", "ok", "odd"), [(0.8e7, 1.7, True, 0), (1.2e7, 1.7, False, 0), (1, 2.3, True, 1)]
+    ("px", "score", "ok", "odd"), [(0.8e7, 1.4, True, 0), (1.2e7, 1.4, False, 0), (1, 1.6, True, 1)]
 )
 def test_what_no_pixel_and_no_score_is(px, score, ok, odd):
     """No image is ten million pixels wide; scores are 1 at most, and of some networks a little more."""

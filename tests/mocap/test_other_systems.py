@@ -4,7 +4,6 @@ import ctypes
 import errno
 import os
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +18,7 @@ from mocap.io.apart import limit_windows_memory
 from mocap.io.format import head
 from mocap.io.manifest import MANIFEST, current
 from mocap.io.output import result_folder
-from mocap.pipeline.potentials import JointPotential
+from mocap.pipeline.potentials import JointPotential, Potentials
 from mocap.results import stored
 from mocap.text import file_names
 from tests.mocap.rerun.flapping import make_run
@@ -55,7 +54,7 @@ def test_potentials_of_joints_that_differ_in_case_are_kept_apart(tmp_path):
             path.write_bytes(b"")
 
     one = JointPotential(joint="j", frame="plane", scale_m=1.0, samples_m=np.zeros((2, 2)), potential=Saved())  # type: ignore[arg-type]
-    stored.write_arrays(replace(make_run(n_frames=5), potentials={"elbow_l": one, "Elbow_l": one}), tmp_path)
+    stored.write_arrays(make_run(n_frames=5).with_part(Potentials(planar={"elbow_l": one, "Elbow_l": one})), tmp_path)
     assert sorted(p.name for p in (tmp_path / "potentials").iterdir()) == ["Elbow_l_2.npz", "elbow_l.npz"]
 
 

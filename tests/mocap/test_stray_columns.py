@@ -67,7 +67,7 @@ def test_two_columns_in_centimetres_are_a_plane(tmp_path, stated):
     np.savetxt(tmp_path / "x.csv", values, "%.4f", ",", header=head, comments="")
     recording = mocap.read(tmp_path / "x.csv", unit="cm" if stated == "option" else None)
     if stated == "nothing":
-        assert recording.mm_per_px is None
+        assert recording.source.mm_per_px is None
         return
     cleaned = mocap.clean(recording)
     np.testing.assert_allclose(cleaned.data["position"].values[..., :2].reshape(60, 4), values[:, 1:] / 100, atol=1e-9)

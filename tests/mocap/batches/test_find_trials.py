@@ -204,7 +204,7 @@ def test_a_manifest_in_the_letters_of_windows(tmp_path):
         ('trial,path,fps\na,a.c3d,"1,000"\n', "line 2: fps '1,000' is not a number"),  # one, or a thousand
         ("trial;path;fps\na;a.c3d;b.c3d;7\n", "line 2: '7' stands beyond the last column"),
         ("trial,path,path\na,a.c3d,b.c3d\n", "path (twice)"),
-        ("trial,path\na," + "x" * 200_000 + "\n", "line 2: field larger than"),
+        ("trial,path\na," + "x" * 200_000 + "\n", "line 2 has a cell of more than"),
         ("trial,path\na,a.c3d\nA,b.c3d\n", "line 3: two trials are called 'A'"),
         ("trial,path\n../a,a.c3d\n", "line 2: the trial '../a'"),
         ("trial,path\na,\n", "line 2: names no file"),

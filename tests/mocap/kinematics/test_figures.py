@@ -8,6 +8,7 @@ import pytest
 
 from mocap.errors import MocapError
 from mocap.kinematics.records import Quantity
+from mocap.pipeline.report_part import Report
 from mocap.plots.figures import Picture
 from mocap.plots.kinematics import label, plot_gaps, sensible
 from mocap.plots.page import report_page
@@ -58,9 +59,8 @@ def test_what_a_page_shows_is_text_and_frames_link_to_the_gaps(written):
     result, _ = written
     named = "<script>x</script> & _y_"
     report = {**result.report, "wrong": [f"{named} jumps at frame 12"], "findings": []}
-    run = replace(
-        result, name=named, report=report, report_text=f"# {plain(named)}\n\n## {plain(named)}\n\n{plain(named)}\n"
-    )
+    text = f"# {plain(named)}\n\n## {plain(named)}\n\n{plain(named)}\n"
+    run = replace(result, name=named).with_part(Report(numbers=report, text=text))
     shown = [Picture(name="gaps", caption=named, figure=result.plot.gaps().figure)]
     page = report_page(run, result.kinematics, [], shown, {"gaps": "<svg/>"})
     assert "<script" not in page

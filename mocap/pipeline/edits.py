@@ -234,6 +234,8 @@ class Log:
 class OtherRecording(FormatError):
     """Corrections were made on another recording than the one at hand."""
 
+    mends = ("edits_anyway",)
+
 
 def read_log(path: str | PathLike[str]) -> Log:
     """A log (``edits.jsonl``: a line of JSON each).

@@ -105,7 +105,7 @@ def offsets_of(tracks: Path | None, offsets: Sequence[int] | None) -> tuple[Arra
     """
     if offsets:
         return np.array([offsets], dtype=np.float64), "as stated"
-    if tracks is None or not tracks.is_file():  # a result that was loaded knows its name alone
+    if tracks is None or not (tracks.is_absolute() or tracks.is_file()):  # a loaded result knows its name alone
         return np.zeros((1, 1)), "not stated"
     if tracks.suffix.lower() == ".mat":
         return read_project(tracks).tables["offset_frames"], "from the project"

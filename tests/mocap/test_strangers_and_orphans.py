@@ -1,5 +1,6 @@
 """Long commands as others on the computer see them, and what is left of one that is killed: the real commands."""
 
+import json
 import os
 import re
 import signal
@@ -140,7 +141,10 @@ def asked(port, text):
     """What a port answers to a text."""
     with socket.create_connection(("127.0.0.1", port), timeout=30) as one:
         one.sendall(text.encode())
-        return one.recv(1 << 16).decode("latin-1")
+        answer = one.recv(1 << 16)
+        while b"Connection: close" in text.encode() and (more := one.recv(1 << 16)):
+            answer += more
+        return answer.decode("latin-1")
 
 
 ASK = """
@@ -196,8 +200,12 @@ def begin(command, name):
     """Wait until a command works in processes of its own (of the desk: after Track); where its page is."""
     page = command.address() if name == "desk" else None
     if page is not None:
-        head = f"POST /{page[3]}/track HTTP/1.1\r\nHost: {page[1]}\r\nOrigin: http://{page[1]}\r\n"
-        assert " 200 " in asked(int(page[2]), f"{head}Content-Length: 2\r\n\r\n{{}}")
+        head = f"Host: {page[1]}\r\nOrigin: http://{page[1]}\r\n"
+        overview = asked(int(page[2]), f"GET /{page[3]}/overview HTTP/1.1\r\n{head}Connection: close\r\n\r\n")
+        seen = json.loads(overview.partition("\r\n\r\n")[2])["seen"][""]
+        body = json.dumps({"trial": "", "edits": seen})
+        head = f"POST /{page[3]}/track HTTP/1.1\r\n{head}Content-Length: {len(body)}\r\n\r\n"
+        assert " 200 " in asked(int(page[2]), head + body)
     worked = {"track": 3, "learn": 3, "batch": 3, "desk": 4}[
         name
     ]  # those they are forked from, and two, and the desk's

@@ -13,6 +13,7 @@ from flapping import make_run
 from test_view_pictures import amount
 
 from mocap.errors import OutputError
+from mocap.pipeline.report_part import Report
 from mocap.rerun import palette, share
 from mocap.rerun.record import write_recording
 from mocap.rerun.share import PAGE, write_page
@@ -159,8 +160,7 @@ def attacked(tmp_path_factory):
         name=ATTACK,
         skeleton=replace(run.skeleton, markers=hostile, bones=bones, joints=(), trunk=()),
         data=run.data.assign_coords(keypoint=list(hostile), point=list(hostile)),
-        report_text=f"# {ATTACK}\n\n{ATTACK}\n",
-    )
+    ).with_part(Report(numbers=dict(run.report), text=f"# {ATTACK}\n\n{ATTACK}\n"))
     folder = tmp_path_factory.mktemp("attack")
     named = folder / ATTACK.replace("/", "|")
     named.mkdir()

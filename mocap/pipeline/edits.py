@@ -207,7 +207,8 @@ class Log:
             FormatError: an edit names what is not there.
         """
         found = edited(recording, self.edits, where=self.name, first=1 + (self.of is not None))
-        return replace(found, findings=(*found.findings, *self.checked(recording, anyway=anyway)))
+        how = decided(found)
+        return found.with_part(replace(how, of_files=(*how.of_files, *self.checked(recording, anyway=anyway))))
 
     def checked(self, recording: Recording, *, anyway: bool = False) -> list[Finding]:
         """What is to be said of replaying the edits on a recording; arguments and errors as of ``replayed``."""

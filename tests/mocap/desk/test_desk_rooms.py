@@ -308,6 +308,7 @@ def test_corrections_of_another_recording_are_asked_about(tracked, room, tmp_pat
             assert browser.told("state", {"name": way["name"], "value": way["value"]}, trial="alpha").status_code == 200
             assert "--edits-anyway" in browser.get("overview").json()["trials"][0]["command"]
             answer = browser.get("audit?trial=alpha").json()
+            assert isinstance(answer, list), answer
             assert any(one["kind"] == "corrections" and one["alarm"] for one in answer)
     words = [
         "skeleton",

@@ -161,7 +161,7 @@ def design_truss(
                 if not may_cross and crossings(truss, target):
                     crossed += 1
                     continue
-                found.append((_without_idle(truss, target), stored))
+                found.append((_without_idle(truss, target, pairs=mirror is not None), stored))
                 if i + 1 < rounds:
                     offered = with_members(target, offered, truss)
         if not found:
@@ -184,12 +184,17 @@ def design_truss(
         return sorted(kept, key=lambda d: (d.rms > good, len(d.truss.rest_m) if d.rms <= good else 0, d.rms))
 
 
-def _without_idle(truss: Truss, target: Target) -> Truss:
-    """The truss without members to the moving point that hold less than ``_IDLE`` of V = 1 anywhere in the region."""
+def _without_idle(truss: Truss, target: Target, *, pairs: bool = False) -> Truss:
+    """The truss without members to the moving point that hold less than ``_IDLE`` of V = 1 anywhere in the region.
+
+    Of ``pairs`` (members i and i + m/2 are images of each other) both go or none: a region that is not symmetric may
+    never load one of them.
+    """
     stretch = over_grid(truss, target).stretch[target.inside]
     most_energy = truss.stiffness_n_m * truss.rest_m**2 * energy_and_slope(stretch, truss.laws)[0].max(axis=0)
     direct = (truss.ends[:, 0] < truss.moving) & (truss.ends[:, 1] == truss.moving)
     kept = (most_energy >= _IDLE) | ~direct
+    kept = np.tile(kept.reshape(2, -1).any(axis=0), 2) if pairs else kept
     return truss if kept.all() or truss.internal_m.size else truss.with_members(kept)
 
 

@@ -1,5 +1,7 @@
 """Trusses shaped after potentials: a known truss's energy is found again, limits are kept or named."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ from eal.joint_design import (
     tolerance_study,
     truss_penalty,
 )
-from eal.joint_design.design import crossings, with_internal_node
+from eal.joint_design.design import _without_idle, crossings, with_internal_node
 from eal.lagrangian import AnalyticPenalty
 
 LIMITS = Limits(shortest=0.3, longest=4.0, reach=2.2, contraction=0.6, extension=1.2, spacing=0.2)
@@ -95,6 +97,18 @@ def test_a_symmetric_design_is_its_own_image(arc):
     design = design_truss(arc, LIMITS, rng=np.random.default_rng(0), starts=1, mirror=mirror)[0]
     one, other = (equilibria(design.truss, q).energy_j for q in (arc.q, arc.q @ mirror))
     np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_of_a_mirrored_pair_both_members_are_kept():
+    """A cable on the left that the region never stretches, and its image that it does: both stay."""
+    ends = np.array([[0, 2], [1, 2]])
+    truss = Truss(
+        fixed_m=np.array([[-1.0, 0.0], [1.0, 0.0]]), internal_m=np.zeros((0, 2)), ends=ends, laws=("cable", "cable"),
+        rest_m=np.ones(2), stiffness_n_m=np.ones(2),
+    )  # fmt: skip
+    region = SimpleNamespace(q=np.array([[-1.0, 0.5], [-0.9, 0.5]]), inside=np.ones(2, dtype=bool))
+    assert len(_without_idle(truss, region).rest_m) == 1
+    assert len(_without_idle(truss, region, pairs=True).rest_m) == 2
 
 
 @pytest.mark.parametrize(

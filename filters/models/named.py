@@ -3,30 +3,9 @@
 ``mocap.filters.models.registry`` has the models themselves by the same names.
 """
 
-from typing import Generic, NamedTuple, TypeVar
+from mocap.filters.models.about import NamedModel
 
 from eal.plugins import offered
-
-Settings = TypeVar("Settings")
-
-
-class NamedModel(NamedTuple, Generic[Settings]):
-    """A model that people name, which learns from the recording that it tracks.
-
-    Attributes:
-        settings: The model, a ``mocap.filters.models.base.TrajectoryModel``.
-        title: What tables call it.
-        about: What it is, in a few words.
-        posed: Whether it learns poses: of four markers and more, that are seen together.
-        beside: Models that hidden samples are filled with, too, to be compared.
-    """
-
-    settings: Settings
-    title: str
-    about: str
-    posed: bool = True
-    beside: tuple[str, ...] = ()
-
 
 OURS: dict[str, NamedModel[None]] = {
     "eal": NamedModel(None, "pose model", "Kalman smoother of the whole pose with its joint potentials"),

@@ -4,11 +4,12 @@ A new one is a file beside this one, a line here and one in ``mocap.filters.mode
 ``mocap.models`` of another installed package.
 """
 
+from mocap.filters.models.about import NamedModel  # before plugins are loaded, which take it from here
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.lagrangian import LagrangianSettings
-from mocap.filters.models.named import ELSEWHERE, OURS, NamedModel
+from mocap.filters.models.named import ELSEWHERE, OURS
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.smooth_acceleration import SmoothSettings
 

@@ -150,9 +150,12 @@ def test_phases_that_trials_lack_are_said():
         assert np.mean(np.abs(found.estimate.xyz_m - trial.xyz_m) < 1.96 * sd) > 0.9
 
 
-@pytest.mark.parametrize(("seed", "least", "most"), [(1, 0.5, 1.0), (3, 0.0, 0.05)])
+@pytest.mark.parametrize(("seed", "least", "most"), [(1, 0.4, 1.0), (3, 0.0, 0.05)])
 def test_one_trial_is_believed_where_its_stated_deviations_hold(seed, least, most):
-    """One leads to poses that are lost, which nothing but the misfit tells; the other to 2 mm, in its intervals."""
+    """One leads to poses that are lost, which nothing but the misfit tells; the other to 2 mm, in its intervals.
+
+    Of the first 14 to 17 of 30 frames are told, by the processor: the search starts where rounding leaves it.
+    """
     trial, trunk = flapping(9, frames=30), [NAMES.index(m) for m in TRUNK]
     views = views_of(filmed(trial, np.random.default_rng(0)))
     found = track_views(learn_prior([flapping(seed)], trunk), views)

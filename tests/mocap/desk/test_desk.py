@@ -317,11 +317,13 @@ def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path, drive
 
 
 def test_what_a_refusal_names_has_a_button(worked, monkeypatch):
-    """Cameras that start apart are refused, as reading has it: the desk offers what the sentence names, in options."""
+    """Cameras that start apart are refused, as reading has it: the desk offers what mends the error."""
     _, browser = worked
 
     def refused(*_, **__):
-        raise MocapError("the cameras start apart, by cam1 +8 frames: give `correct_lag`")
+        error = MocapError("the cameras start apart, by cam1 +8 frames: give `correct_lag`")
+        error.mends = ("correct_lag",)
+        raise error
 
     monkeypatch.setattr("mocap.batches.trial.read", refused)
     (alarm,) = [one for one in browser.get("audit?trial=flight").json() if one["alarm"]]

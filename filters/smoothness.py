@@ -75,7 +75,9 @@ def likeliest(xyz_m: Array, sd_m: Array, dt_s: float, *, order: int, free: int) 
     middle = max(0, (len(xyz_m) - MOST_FRAMES) // 2)
     part = slice(middle, middle + MOST_FRAMES)
     n_frames, n_markers = r[part].shape
-    wide = FAR**2 * np.nanmean(y**2), FAR**2 * np.nanmean(np.diff(y, axis=0) ** 2)
+    steps = np.diff(y, axis=0) ** 2  # none of markers that are seen in single frames: as far as they are apart
+    place = float(np.nanmean(y**2))
+    wide = FAR**2 * place, FAR**2 * (float(np.nanmean(steps)) if np.isfinite(steps).any() else place)
     known = np.isfinite(y[..., 0])
     count = y.shape[-1] * known[part].sum(axis=0)
     rates = np.geomspace(1 / n_frames, 0.7, RATES) if free < order else np.zeros(1)

@@ -77,10 +77,10 @@ def test_it_is_the_smoothing_spline():
     xyz = np.stack([np.sin(5 * t_s), t_s, np.cos(3 * t_s)], axis=1) + noise * rng.normal(size=(60, 3))
     seen = PositionObservations(xyz_m=xyz[:, None], sd_m=np.full((60, 1), noise))
     found = smooth(motion(2, 2, density=density), seen, t_s, rate_points=ONE)
-    spline = make_smoothing_spline(t_s, xyz, lam=noise**2 / density)
-    np.testing.assert_allclose(found.xyz_m[:, 0], spline(t_s), atol=1e-5)
+    splines = [make_smoothing_spline(t_s, one, lam=noise**2 / density) for one in xyz.T]
+    np.testing.assert_allclose(found.xyz_m[:, 0].T, [spline(t_s) for spline in splines], atol=1e-5)
     assert found.rates is not None
-    np.testing.assert_allclose(found.rates.velocity_m_s[:, 0], spline(t_s, nu=1), atol=1e-3)
+    np.testing.assert_allclose(found.rates.velocity_m_s[:, 0].T, [spline(t_s, nu=1) for spline in splines], atol=1e-3)
     assert found.rates.acceleration_m_s2 is None
 
 

@@ -55,7 +55,7 @@ def test_track_writes_all_that_scripts_rely_on(files, out):
     """One row a frame from 1; x, y, z, sd, origin a marker; filled samples are marked and have a finite deviation."""
     assert {p.name for p in out.iterdir()} == {
         "markers.csv", "markers.nc", "joints.csv", "recording.nc", "kinematics.csv", "kinematics.nc",
-        "cycles.csv", "angles.csv", "figures", "report.html", "report.json", "report.md", "skeleton.toml",
+        "cycles.csv", "angles.csv", "peaks.csv", "figures", "report.html", "report.json", "report.md", "skeleton.toml",
         "recording.rrd", "potentials", "spatial_potentials", MANIFEST,
     }  # fmt: skip
     markers = pd.read_csv(out / "markers.csv")

@@ -34,7 +34,7 @@ def designed(monkeypatch, found, **options):
         monkeypatch.setattr(design, name, lambda *_, **__: None)
     monkeypatch.setattr(design, "sparse", sparse)
     monkeypatch.setattr(design, "refine", lambda _target, one, stored, *_, **__: (one, stored))
-    monkeypatch.setattr(design, "_without_idle", lambda truss, _target: truss)
+    monkeypatch.setattr(design, "_without_idle", lambda truss, _target, **_: truss)
     monkeypatch.setattr(design, "measure", lambda truss, *_: truss.fit)
     target, limits = SimpleNamespace(q=np.zeros((1, 2))), SimpleNamespace(members=10)
     rng = np.random.default_rng(0)

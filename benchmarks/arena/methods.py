@@ -12,6 +12,7 @@ from benchmarks.arena.flights import FPS, PAIRS, Flight
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.cleaning.swaps import Swap
+from mocap.pipeline.cleaned import cleaned
 from mocap.pipeline.job import run_job
 
 LEAST = 0.475
@@ -148,7 +149,7 @@ def _assigned(
 def ours(flight: Flight) -> Outcome:
     """This program: ``mocap track`` on the network's files."""
     run, prepared = run_job(flight.recording, validated=False)
-    return Outcome(xyz_m=run.xyz_m, cov_m2=run.cov_m2, swaps=prepared.swaps)
+    return Outcome(xyz_m=run.xyz_m, cov_m2=run.cov_m2, swaps=cleaned(prepared).swaps)
 
 
 def one_person(flight: Flight) -> Outcome:

@@ -59,6 +59,7 @@ from mocap.io.dvproject import read_project
 from mocap.io.optical_csv import read_vicon
 from mocap.io.qualisys import read_mat, read_tsv
 from mocap.pipeline.cleaning import clean
+from mocap.pipeline.decided import decided
 from mocap.pipeline.ideal_pixels import of_pixels
 from mocap.records import Status
 from mocap.skeleton import Skeleton
@@ -96,7 +97,7 @@ def _flight(flight: str) -> Take:
     )
     skeleton = Skeleton(name="markers only", markers=WIND_TUNNEL_POINTS)
     found = clean(of_pixels(pixels, project.cameras, skeleton, name=flight))
-    rows = found.rows
+    rows = decided(found).rows
     assert rows is not None  # it was decided
     own = Film(pixels=pixels, cameras=found.cameras, pixel_origin=rows.pixels, calibration_origin=rows.coefficients)
     return Take(flight, pixels.t_s, found.xyz_m, film=own)

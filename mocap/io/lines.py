@@ -104,7 +104,7 @@ def not_split(path: Path, line: int, error: csv.Error) -> FormatError:
     )
 
 
-_CELL = re.compile(rb'"[^"]*"|[^,;\t "]+')
+_CELL = re.compile(rb'"([^"]*)"|([^,;\t "\r\n]+)')
 
 
 def check_cells(path: Path) -> None:
@@ -126,7 +126,7 @@ def check_cells(path: Path) -> None:
             if not cut:
                 part += stream.readline()
                 cut = len(part)
-                if max(map(len, _CELL.findall(part)), default=0) > most:
+                if any(len(quoted) > most or len(plain) > most for quoted, plain in _CELL.findall(part)):
                     raise _too_long(path, line)
             stream.seek(cut - len(part), 1)
             line += part[:cut].count(b"\n")

@@ -154,7 +154,7 @@ def test_phases_that_trials_lack_are_said():
 def test_one_trial_is_believed_where_its_stated_deviations_hold(seed, least, most):
     """One leads to poses that are lost, which nothing but the misfit tells; the other to 2 mm, in its intervals.
 
-    Of the first 14 to 17 of 30 frames are told, by the processor: the search starts where rounding leaves it.
+    Of the first 14 of 30 frames were told on one processor and 15 or more on another.
     """
     trial, trunk = flapping(9, frames=30), [NAMES.index(m) for m in TRUNK]
     views = views_of(filmed(trial, np.random.default_rng(0)))

@@ -132,7 +132,9 @@ class Cluster:
             raise NoProcess(GONE)
         try:
             self.connected.wait_for_workers(1, timeout=WORKER_S)
-        except OSError:  # also that the time is over
+        except OSError as error:
+            if not isinstance(error, TimeoutError) or self.connected.status != "running":  # that is known late
+                raise NoProcess(GONE) from None
             raise NoProcess(
                 f"the cluster has been without a worker for {WORKER_S:g} s: see whether its hosts have memory left"
             ) from None

@@ -12,11 +12,11 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import mocap
 import psutil
 import pytest
 from mocap.datasets import make_bat, write_recording
 
+import mocap
 from tests.mocap.digitising.filmed import video
 
 pytestmark = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="sockets are listed in /proc")

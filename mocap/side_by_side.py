@@ -358,7 +358,7 @@ _POOL: ContextVar[Pool | None] = ContextVar("_POOL", default=None)
 
 
 @contextmanager
-def opened(count: int, *, preload: str = "mocap.pipeline.job", most_bytes: float = inf) -> Iterator[Pool]:
+def opened(count: int, *, preload: str = "mocap.report.job", most_bytes: float = inf) -> Iterator[Pool]:
     """Processes, for as long as the context lasts.
 
     Args:

@@ -29,11 +29,11 @@ step it is not known. They are cut with the recording, saved and loaded with it,
 
 | part | of | holds |
 |---|---|---|
-| `mocap.pipeline.decided.Decided` | `read` | corner of pixel rows, estimated lens, unit and rate |
-| `mocap.pipeline.cleaned.Cleaned` | `clean` | noise, identity switches, bad cameras, jumps, stale points |
-| `mocap.pipeline.model_choice.ModelChoice` | `track` | why this model, and scores of hidden gaps |
-| `mocap.pipeline.potentials.Potentials` | `track` | joint potentials, in planes and in space |
-| `mocap.pipeline.report_part.Report` | `track` | the report, as numbers and text |
+| `mocap.reading.decided.Decided` | `read` | corner of pixel rows, estimated lens, unit and rate |
+| `mocap.cleaning.cleaned.Cleaned` | `clean` | noise, identity switches, bad cameras, jumps, stale points |
+| `mocap.tracking.model_choice.ModelChoice` | `track` | why this model, and scores of hidden gaps |
+| `mocap.tracking.potentials.Potentials` | `track` | joint potentials, in planes and in space |
+| `mocap.tracking.report_part.Report` | `track` | the report, as numbers and text |
 
 `rec.source` is what the user gave: files, calibration, stated unit and noise.
 """

@@ -8,14 +8,14 @@ from mocap.datasets import make_bat
 from mocap.datasets import write_recording as write_files
 from PIL import Image
 
-from mocap.pipeline.demo import Animal, run_demo
-from mocap.pipeline.job import run_job
-from mocap.pipeline.reading import read
-from mocap.pipeline.result import Result
 from mocap.progress import Stages
+from mocap.reading.reading import read
+from mocap.report.demo import Animal, run_demo
+from mocap.report.job import run_job
 from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
+from mocap.tracking.result import Result
 from tests.mocap.rerun.headless import Headless
 
 SIZE = (1600, 1000)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mocap.cli.console import in_options, program, show, show_text, typed
-from mocap.pipeline.summary import better, error_lines, length_line, notes
+from mocap.report.summary import better, error_lines, length_line, notes
 from mocap.text import number_of
 
 LINES = 25

@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
+from mocap.cleaning.by_hand import errors_left, with_hand
+from mocap.cleaning.cleaning import clean
 from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
 from mocap.errors import MocapError
-from mocap.pipeline.by_hand import errors_left, with_hand
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.decided import decided
-from mocap.pipeline.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
-from mocap.pipeline.ideal_pixels import of_one_camera, straightened
-from mocap.pipeline.retrack import AROUND, tracked_again
+from mocap.reading.decided import decided
+from mocap.reading.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
+from mocap.reading.ideal_pixels import of_one_camera, straightened
 from mocap.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
+from mocap.tracking.retrack import AROUND, tracked_again
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,7 +228,7 @@ class Proof(Pictures):
         """Add a correction to the log; it is on the disk when this returns. ``settle`` solves what it touches.
 
         Args:
-            **what: Fields of ``mocap.pipeline.edits.Edit``, ``uv_px`` as the image counts.
+            **what: Fields of ``mocap.reading.edits.Edit``, ``uv_px`` as the image counts.
 
         Raises:
             MocapError: it names what is not there; nothing was kept then.

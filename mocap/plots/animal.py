@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eal.arrays import Array
-from mocap.pipeline.result import Result
 from mocap.plots.kinematics import COLOURS, styled
 from mocap.records import Status
+from mocap.tracking.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,14 +13,14 @@ import numpy as np
 from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import Kinematics, Rests
-from mocap.pipeline.reading import in_options
-from mocap.pipeline.result import Result
-from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
 from mocap.plots import figures
 from mocap.plots.figures import Picture, drawn
 from mocap.plots.kinematics import UNITS, label
+from mocap.reading.reading import in_options
 from mocap.records import Status
+from mocap.report.summary import expected_error, length_text, notes, two_digits
 from mocap.sides import words
+from mocap.tracking.result import Result
 
 _MEANT = {"body_speed_m_s": "net body speed"}
 """Columns of the table of cycles whose names leave open what they are."""

@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 
 from eal.arrays import Array
 from eal.bounds import theorem3
-from mocap.pipeline.potentials import JointPotential
+from mocap.tracking.potentials import JointPotential
 
 GRID, CUBES = 80, 20
 """Points along an edge of a grid over the plane, cubes along the longest edge of one in space."""

@@ -17,7 +17,6 @@ import rerun.blueprint as rrb
 
 from mocap.filters.live import LiveEstimate, live
 from mocap.filters.motion.base import MotionModel
-from mocap.pipeline.tracking import observations
 from mocap.recording import Recording
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen, series_view
@@ -29,6 +28,7 @@ from mocap.rerun.scene_views import eye, world_view
 from mocap.rerun.viewer import Viewer, has_display, open_viewer
 from mocap.sides import side_of
 from mocap.skeleton import Skeleton
+from mocap.tracking.tracking import observations
 
 LIVE = "mocap-live"
 WAITING = 256

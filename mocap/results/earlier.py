@@ -9,8 +9,8 @@ import xarray as xr
 from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.netcdf import read_netcdf
-from mocap.pipeline.result import limb_variables
 from mocap.recording import with_variables
+from mocap.tracking.result import limb_variables
 
 EARLIER, MOTION, FORMAT = "run.nc", "motion.nc", "eal-mocap run 2"
 WITHOUT_PARTS = "eal-mocap recording 1"

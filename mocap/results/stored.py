@@ -11,23 +11,23 @@ import xarray as xr
 
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import MODELS, Lens
+from mocap.cleaning.cleaned import Cleaned
 from mocap.documents import from_json
 from mocap.errors import FormatError, beside
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.io.tables import WORDS
 from mocap.json_records import AGAIN, plain, record
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.potentials import Potentials
-from mocap.pipeline.reading import in_arguments
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result
+from mocap.reading.decided import Decided
+from mocap.reading.reading import in_arguments
 from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
 from mocap.results.earlier import EARLIER, WITHOUT_PARTS, earlier_parts, earlier_record
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.potentials import Potentials
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result
 from mocap.variables import SIZES, VARIABLES, entry_of
 
 INDIVIDUAL = "id_0"

@@ -23,17 +23,12 @@ from mocap.kinematics.frequency import Frequency, frequencies
 from mocap.kinematics.moments import moments
 from mocap.kinematics.records import Kinematics
 from mocap.measures import JointAxes
-from mocap.pipeline.body_potential import BodyPotential, body_potential
-from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
-from mocap.pipeline.learning import Model, load_model
-from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result, rate_points
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
 from mocap.recording import Recording, as_recording
 from mocap.records import Status
+from mocap.report.job import run_job
 from mocap.results.blocks import is_long, load_range
 from mocap.results.cycle_table import CycleTable, cycle_table
 from mocap.results.exports import EXPORTS, TABLES, write_axes
@@ -42,6 +37,12 @@ from mocap.results.tables import write_cycles, write_kinematics, write_plane, wr
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.text import number_of
+from mocap.tracking.body_potential import BodyPotential, body_potential
+from mocap.tracking.learning import Model, load_model
+from mocap.tracking.potentials import JointPotential
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result, rate_points
+from mocap.tracking.track_part import MODELS, Watch, existing_model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,11 +19,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from docs.tools.columns import undocumented
+from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.job import run_job
 from mocap.recording import of_points
 from mocap.records import PARTS, MarkerTracks, Status
+from mocap.report.job import run_job
 from mocap.results.stored import read_recording
 from mocap.results.tables import write_run
 from mocap.skeleton import skeleton_text

@@ -7,10 +7,10 @@ from mocap.filters.limb_potential import LimbKeeper
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import NAMED
 
+from mocap.cleaning.cleaning import clean
 from mocap.kinematics.points import rate_points_for
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.tracking import learn_motion, seen_part, track
+from mocap.reading.ideal_pixels import of_pixels
+from mocap.tracking.tracking import learn_motion, seen_part, track
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ def saved(tracked, tmp_path_factory):
 def test_tracking_does_not_import_all_statistics():
     """``scipy.stats``, which ``scipy.signal`` loads as well, is a quarter of what is imported, for two formulas."""
     script = (
-        "import sys, mocap.cli.main, mocap.results.tracked, mocap.pipeline.job; "
+        "import sys, mocap.cli.main, mocap.results.tracked, mocap.report.job; "
         "print(*sorted({'scipy.stats', 'scipy.signal', 'filterpy'} & set(sys.modules)))"
     )
     found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -5,17 +5,17 @@ import pytest
 from mocap.datasets import make_bat
 
 import mocap
+from mocap.cleaning.cleaned import Cleaned
 from mocap.errors import FormatError, MocapError
 from mocap.findings import Finding, worst_first
 from mocap.json_records import plain, record
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.potentials import Potentials
-from mocap.pipeline.report_part import Report
+from mocap.reading.decided import Decided
 from mocap.recording import Recording
 from mocap.rerun.footage import Footage
 from mocap.results.stored import PARTS
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.potentials import Potentials
+from mocap.tracking.report_part import Report
 from tests.mocap.same import same, same_result
 from tests.real_data import real
 

@@ -10,9 +10,9 @@ from mocap.filters.model import LearnedModel
 from mocap.filters.models.pose import PoseSettings
 
 import mocap
+from mocap.cleaning.sentences import one_camera
 from mocap.errors import MocapError
-from mocap.pipeline.learning import Model
-from mocap.pipeline.sentences import one_camera
+from mocap.tracking.learning import Model
 from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, flapping
 from tests.mocap.same import same_result
 

@@ -5,7 +5,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.arrays import Array
-from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, rows, series_view
 from mocap.rerun.columns import Single, log_over_time, single, ui
@@ -15,6 +14,7 @@ from mocap.rerun.limbs import limb_tab, log_limbs
 from mocap.rerun.over_plane import FLIP, log_moving, log_picture, log_surface, plane_view
 from mocap.rerun.scene_views import eye, last_frames
 from mocap.sides import by_side, words
+from mocap.tracking.result import Result
 
 COORDINATES = ("q1", "q2", "q3")
 _DECADES = 8

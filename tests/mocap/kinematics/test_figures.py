@@ -8,13 +8,13 @@ import pytest
 
 from mocap.errors import MocapError
 from mocap.kinematics.records import Quantity
-from mocap.pipeline.report_part import Report
 from mocap.plots.figures import Picture
 from mocap.plots.kinematics import label, plot_gaps, sensible
 from mocap.plots.page import report_page
 from mocap.records import Status
 from mocap.results.tracked import Tracked
 from mocap.text import plain
+from mocap.tracking.report_part import Report
 from tests.mocap.rerun.flapping import make_run
 
 INK = True

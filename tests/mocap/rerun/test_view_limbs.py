@@ -9,12 +9,12 @@ from flapping import make_run
 from readback import column, entities
 from test_view_pictures import loaded
 
-from mocap.pipeline.result import limb_variables
 from mocap.rerun import palette, paths
 from mocap.rerun.limbs import REACH, map_view, pull_view
 from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.record import make_layout, write_recording
 from mocap.results.stored import read_recording, write_arrays
+from mocap.tracking.result import limb_variables
 
 N, NAME = 20, "shoulder to elbow"
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from vulkan import need_vulkan
 
 from mocap.cameras.camera import project, stacked
-from mocap.pipeline.result import Result
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import series_view
@@ -20,6 +19,7 @@ from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_
 from mocap.rerun.row_map import WIDE, row_map_view
 from mocap.rerun.scene_views import camera_view, scene_view
 from mocap.rerun.tabs.joints import heat_map_view, spectrum_view, surface_view, volume_view
+from mocap.tracking.result import Result
 from tests.mocap.rerun.headless import Headless
 
 FRAME = 33

@@ -10,23 +10,23 @@ from eal.arrays import Array
 from mocap import audit
 from mocap.cameras import triangulate
 from mocap.cameras.lens_of_tracks import lens_covariance, moved_by_lens
+from mocap.cleaning import sentences
 from mocap.cleaning.bias import lasting_bias, persistent_px, ray_bias
+from mocap.cleaning.by_hand import with_hand
 from mocap.cleaning.camera_health import camera_health, shifted_back
-from mocap.cleaning.clean import clean as cleaned_positions
-from mocap.cleaning.clean import position_sd
+from mocap.cleaning.cleaned import Cleaned, written
 from mocap.cleaning.click_noise import LEAST_PX, click_noise, student_t
 from mocap.cleaning.likelihoods import weighed_clicks
+from mocap.cleaning.positions import clean as cleaned_positions
+from mocap.cleaning.positions import position_sd
 from mocap.cleaning.swap_states import names_put_right
 from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
 from mocap.io.deeplabcut import LEAST_LIKELIHOOD
-from mocap.pipeline import sentences
-from mocap.pipeline.by_hand import with_hand
-from mocap.pipeline.cleaned import Cleaned, written
-from mocap.pipeline.decided import decided
-from mocap.pipeline.ideal_pixels import with_rays, without_hand
+from mocap.reading.decided import decided
+from mocap.reading.ideal_pixels import with_rays, without_hand
 from mocap.recording import Recording, as_recording
 from mocap.records import Status
 from mocap.skeleton import Measures, Skeleton

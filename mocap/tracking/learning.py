@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from mocap.audit.across import compared
+from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError
 from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, WITH_JOINTS, Effort, best_of
 from mocap.filters.model import LearnedModel, learn_model, own_trials
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
 from mocap.io.output import result_file
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.decided import decided
-from mocap.pipeline.model_file import load_model as read_model
-from mocap.pipeline.model_file import save_model
-from mocap.pipeline.session import facts_of
-from mocap.pipeline.tracking import marker_trial, seen_frames
+from mocap.reading.decided import decided
+from mocap.reading.session import facts_of
 from mocap.recording import Recording, as_recording
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.text import number_of, plain
+from mocap.tracking.model_file import load_model as read_model
+from mocap.tracking.model_file import save_model
+from mocap.tracking.tracking import marker_trial, seen_frames
 
 MOST_FRAMES = 20_000
 """Of all recordings together: no more teaches anything that could be measured (docs/experiments/batch_cost.md), and

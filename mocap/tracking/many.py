@@ -10,7 +10,7 @@ from eal.choice import Choice
 from eal.potential import EmpiricalPotential
 from eal.sums import Landmarks, PotentialSums, choose_landmarks, sums_of, total
 from mocap.errors import MocapError
-from mocap.pipeline.potentials import FEWEST, FRAME, NAMES, JointPotential, settings
+from mocap.tracking.potentials import FEWEST, FRAME, NAMES, JointPotential, settings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,11 @@ import numpy as np
 from eal.arrays import Array
 from mocap.audit import Finding, alarms, fit_findings
 from mocap.cameras import triangulate
+from mocap.cleaning import sentences
+from mocap.cleaning.cleaning import audit_points
 from mocap.errors import MocapError
 from mocap.io import dltdv
-from mocap.pipeline import sentences
-from mocap.pipeline.cleaning import audit_points
-from mocap.pipeline.ideal_pixels import with_rays, without_lens
+from mocap.reading.ideal_pixels import with_rays, without_lens
 from mocap.recording import Recording
 from mocap.records import marker_tracks
 

@@ -20,8 +20,8 @@ from eal.arrays import Array
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
 from mocap.findings import Finding, Kind
-from mocap.pipeline.decided import decided
-from mocap.pipeline.ideal_pixels import straightened, without_hand, without_lens
+from mocap.reading.decided import decided
+from mocap.reading.ideal_pixels import straightened, without_hand, without_lens
 from mocap.recording import Recording
 from mocap.records import Status
 from mocap.text import number_of
@@ -83,9 +83,7 @@ class Edit:
         if "uv_px" in wrong:
             raise FormatError(f"uv_px is {uv!r}"[:80] + f", expected two numbers of pixels within {FARTHEST_PX:,.0f}")
         if wrong:
-            raise FormatError(
-                f"an edit needs {wrong[0]} to be stated, in its own type: see `mocap.pipeline.edits.Edit`"
-            )
+            raise FormatError(f"an edit needs {wrong[0]} to be stated, in its own type: see `mocap.reading.edits.Edit`")
         if self.what == "exchange" and self.marker == self.other:
             raise FormatError(f"{self.marker!r} is exchanged with itself, expected two markers")
 

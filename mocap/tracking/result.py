@@ -15,9 +15,9 @@ from mocap.filters.velocities import Motion, RatePoints
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import rate_points_for
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.potentials import JointPotential, Potentials
-from mocap.pipeline.report_part import Report
 from mocap.recording import Recording
+from mocap.tracking.potentials import JointPotential, Potentials
+from mocap.tracking.report_part import Report
 from mocap.variables import VARIABLES, Values
 
 MOTION = {

@@ -12,14 +12,14 @@ from mocap.filters.hide import interior_gaps
 from mocap.filters.interpolate import by_chains, by_poses, interpolated
 from mocap.filters.models.registry import NAMED
 from mocap.filters.score import compared
-from mocap.pipeline.job import run_job
-from mocap.pipeline.reading import read
-from mocap.pipeline.report import readable
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result
-from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
 from mocap.progress import Stages
+from mocap.reading.reading import read
 from mocap.recording import Recording
+from mocap.report.job import run_job
+from mocap.report.report import readable
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result
+from mocap.tracking.tracking import learn_motion, seen_part, track, with_track
 
 Animal = Literal["bat", "lizard"]
 

@@ -14,23 +14,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mocap.cleaning.cleaned import Cleaned
+from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError
 from mocap.filters.model import LearnedModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.score import Score
 from mocap.io.tables_long import LongTable
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.decided import decided
-from mocap.pipeline.job import track_part
-from mocap.pipeline.learning import learn_from
-from mocap.pipeline.reading import animal
-from mocap.pipeline.result import Result, rate_points
-from mocap.pipeline.tracking import each_alone, motion_of, of_tracks, seen_part, why_no_pose
 from mocap.progress import Stages
+from mocap.reading.decided import decided
+from mocap.reading.reading import animal
 from mocap.recording import Recording, Source, dataset, of_points
 from mocap.records import Status, marker_tracks
 from mocap.text import as_text
+from mocap.tracking.learning import learn_from
+from mocap.tracking.result import Result, rate_points
+from mocap.tracking.track_part import track_part
+from mocap.tracking.tracking import each_alone, motion_of, of_tracks, seen_part, why_no_pose
 
 Mask = NDArray[np.bool_]
 

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.cameras import triangulate
+from mocap.cleaning.cleaned import Cleaned, written
+from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError
 from mocap.filters.models.registry import NAMED
-from mocap.pipeline.cleaned import Cleaned, written
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import straightened, without_hand
-from mocap.pipeline.tracking import learn_motion, track, with_track
+from mocap.reading.ideal_pixels import straightened, without_hand
 from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.skeleton import Skeleton
+from mocap.tracking.tracking import learn_motion, track, with_track
 
 AROUND = 40
 """Frames on either side of an edit that are filtered again; on the built-in bat at 500 frames a second half of them, or
@@ -44,7 +44,7 @@ def tracked_again(
         markers: Which.
         first: Row of the first edited frame.
         last: Row of the last.
-        cleaned: The whole, cleaned, with what a person placed (``mocap.pipeline.by_hand``); None: it is made.
+        cleaned: The whole, cleaned, with what a person placed (``mocap.cleaning.by_hand``); None: it is made.
 
     Returns:
         The frames, and what these markers do in them.

@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.cleaning import sentences
+from mocap.cleaning.cleaned import Cleaned, written
 from mocap.filters.hidden_gaps import EACH_MARKER
 from mocap.filters.model import LearnedModel, trials_for
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
 from mocap.filters.poses import MarkerTrial
-from mocap.findings import Finding
-from mocap.pipeline import sentences
-from mocap.pipeline.cleaned import Cleaned, written
-from mocap.pipeline.tracking import learn_motion, marker_trial, seen_part, track, trial_set, why_no_pose
+from mocap.findings import Finding, Kind
 from mocap.recording import Recording
+from mocap.tracking.tracking import learn_motion, marker_trial, seen_part, track, trial_set, why_no_pose
 
 CONTRADICTED = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small.
@@ -202,7 +202,7 @@ def _without_wrong_rays(recording: Recording, pose: PoseSettings, learned: Learn
     if not wrong.any():
         return recording
     points = wrong.any(axis=0) & np.isfinite(recording.xyz_m[..., 0])
-    told = [*sentences.rejected("contradicted", points), sentences.wrong_rays(wrong)]
+    told = [*sentences.rejected("contradicted", points), _rays_told(wrong)]
     return _told(_without(recording, points, wrong), told)
 
 
@@ -311,3 +311,13 @@ def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:
     solved = np.linalg.solve(cov[finite], miss[finite][..., None])[..., 0]
     out[finite] = np.sqrt(np.maximum(np.einsum("ki,ki->k", miss[finite], solved), 0.0))
     return out
+
+
+def _rays_told(mask: NDArray[np.bool_]) -> Finding:
+    """Rays (C, T, M) of one of two cameras that disagree."""
+    count = int(mask.sum())
+    text = (
+        f"{count} ray{'' if count == 1 else 's'} rejected (of two cameras that disagree in some frames the one that the motion "
+        "and the other markers contradict)"
+    )
+    return Finding(kind=Kind.REJECTED_RAYS, text=text, numbers={"rays": count})

@@ -27,10 +27,10 @@ from mocap.io.registry import read as read_file
 from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
-from mocap.pipeline.decided import Decided, decided
-from mocap.pipeline.edits import read_log
-from mocap.pipeline.ideal_pixels import with_ideal_pixels
-from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
+from mocap.reading.decided import Decided, decided
+from mocap.reading.edits import read_log
+from mocap.reading.ideal_pixels import with_ideal_pixels
+from mocap.reading.whole_picture import counted_from_one, in_whole_picture
 from mocap.recording import Recording, Source, dataset
 from mocap.skeleton import Skeleton
 from mocap.skeleton_files import is_model, read_skeleton

@@ -7,11 +7,11 @@ import numpy as np
 from eal.arrays import Array
 from mocap import audit
 from mocap.cameras import triangulate
+from mocap.cleaning import sentences
 from mocap.cleaning.bias import carried, hand_sd, share_left
+from mocap.cleaning.cleaned import Cleaned, written
 from mocap.cleaning.click_noise import LEAST_PX
-from mocap.pipeline import sentences
-from mocap.pipeline.cleaned import Cleaned, written
-from mocap.pipeline.ideal_pixels import without_hand, without_lens
+from mocap.reading.ideal_pixels import without_hand, without_lens
 from mocap.recording import Recording
 
 

@@ -14,8 +14,8 @@ from eal.rotations import RotationKernel
 from mocap.errors import MocapError
 from mocap.kinematics.angles import turns
 from mocap.kinematics.records import Kinematics, Rests
-from mocap.pipeline.potentials import FEWEST, MOST
 from mocap.sides import words
+from mocap.tracking.potentials import FEWEST, MOST
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,6 +6,8 @@ from functools import partial
 
 import numpy as np
 
+from eal.arrays import Array
+from mocap.cleaning.cleaned import Cleaned, written
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
@@ -15,10 +17,9 @@ from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.pipeline import sentences
-from mocap.pipeline.cleaned import Cleaned, written
-from mocap.pipeline.result import rate_points
+from mocap.findings import Finding, Kind
 from mocap.recording import Recording
+from mocap.tracking.result import rate_points
 
 NAME = "one camera"
 """Of the model, in reports and tables."""
@@ -94,9 +95,7 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
     other = found.other if found.other > 0.05 else None  # rarer mirror images are not told of
     rays = np.full(film.ideal_px.shape[:3], noise)
-    own_findings = sentences.one_camera(
-        other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose
-    )
+    own_findings = _told(other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose)
     return written(
         film,
         Cleaned(jitter_px=noise, told=tuple(own_findings)),
@@ -112,3 +111,47 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
         camera_factor=np.ones((n_cameras, n_frames)),
         persistent=np.zeros(n_markers),
     )
+
+
+def _told(other: float | None, strange: int, wider: Array, *, trials: int, loose: bool) -> list[Finding]:
+    """What one camera alone leaves open.
+
+    Args:
+        other: Probability of the mirror image of the pose; None: it is out of the question.
+        strange: Frames whose poses are unlike those of the trials.
+        wider: (T,) what standard deviations of the other frames were multiplied by, at least 1.
+        trials: Number of trials.
+        loose: Whether the lengths of bones could not be kept.
+    """
+    alone = (
+        "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
+        "deviations along the line of sight are the largest"
+    )
+    found = [Finding(kind=Kind.ONE_CAMERA, text=alone)]
+    if other is not None:
+        text = f"the pose or its mirror image: the other has a probability of {other:.0%}, and intervals cover both"
+        found.append(Finding(kind=Kind.MIRROR_IMAGE, text=text, numbers={"probability": other}))
+    if strange:
+        usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
+        worse = "have larger reprojection errors than the model states" if trials == 1 else usual
+        text = f"{strange} frames show poses unlike those of the trials and were left empty: seen markers {worse}"
+        found.append(Finding(kind=Kind.UNLIKE_POSES, text=text, numbers={"frames": strange}))
+    if (wider > 1).any():
+        share, times = float(np.mean(wider > 1)), float(np.sqrt(np.mean(wider[wider > 1] ** 2)))
+        text = (
+            f"standard deviations of {share:.0%} of the frames are {times:.2f} times as large (RMS; at most "
+            f"{wider.max():.2f}) as the model states, as trials erred that were left out of it"
+        )
+        found.append(
+            Finding(kind=Kind.WIDER_INTERVALS, text=text, numbers={"share": share, "times": times, "most": wider.max()})
+        )
+    if trials == 1:
+        text = (
+            "the model was learned from one trial, which cannot show how another differs: intervals are those of its "
+            "halves; learn from two or more"
+        )
+        found.append(Finding(kind=Kind.ONE_TRIAL, text=text))
+    if loose:
+        text = "no poses fit both the pixels and the bones of the model: check that it is of this animal"
+        found.append(Finding(kind=Kind.BONES_NOT_KEPT, text=text))
+    return found

@@ -1,4 +1,4 @@
-"""What is found while a recording is prepared and tracked, as findings: every sentence of it is made here.
+"""What is found while a recording is cleaned, as findings.
 
 Those of the audit are made where it finds them (``mocap.audit``), those of a reader where it reads (``mocap.io``).
 """
@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.audit import StalePoint
-from mocap.cameras.lens_of_tracks import TrackLens
 from mocap.cleaning.bias import RayBias
 from mocap.cleaning.camera_health import CameraHealth
-from mocap.cleaning.clean import POSE_MARKERS, REASONS, shows_a_pose
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
+from mocap.cleaning.positions import POSE_MARKERS, REASONS, shows_a_pose
 from mocap.cleaning.swaps import DOUBTFUL, Swap
 from mocap.findings import MOST, Finding, Kind
 from mocap.records import Plane
-from mocap.skeleton import Skeleton
 
 FAR_OFF = 2.0
 """A standard deviation so many times another contradicts it. Chosen, not measured."""
@@ -50,15 +48,6 @@ def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> 
         f"{what}: leave it out, or check it"
     )
     return [Finding(kind=Kind.PIXEL_NOISE, alarm=True, text=text, numbers={"stated_px": stated_px, "shown_px": shown})]
-
-
-def estimated_lens(lens: TrackLens) -> Finding:
-    """A lens that was estimated from the recording."""
-    return Finding(
-        kind=Kind.LENS,
-        text=f"the lens was estimated from the recording itself: {lens.words}; median residual of stretches that the "
-        f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after",
-    )
 
 
 def lens_left(far_mm: Array) -> Finding:
@@ -152,56 +141,6 @@ def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least:
     return [Finding(kind=Kind.LIKELIHOODS, text=text, numbers={"clicks": count})]
 
 
-def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, loose: bool) -> list[Finding]:
-    """What one camera alone leaves open.
-
-    Args:
-        other: Probability of the mirror image of the pose; None: it is out of the question.
-        strange: Frames whose poses are unlike those of the trials.
-        wider: (T,) what standard deviations of the other frames were multiplied by, at least 1.
-        trials: Number of trials.
-        loose: Whether the lengths of bones could not be kept.
-    """
-    alone = (
-        "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
-        "deviations along the line of sight are the largest"
-    )
-    found = [Finding(kind=Kind.ONE_CAMERA, text=alone)]
-    if other is not None:
-        text = f"the pose or its mirror image: the other has a probability of {other:.0%}, and intervals cover both"
-        found.append(Finding(kind=Kind.MIRROR_IMAGE, text=text, numbers={"probability": other}))
-    if strange:
-        usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
-        worse = "have larger reprojection errors than the model states" if trials == 1 else usual
-        text = f"{strange} frames show poses unlike those of the trials and were left empty: seen markers {worse}"
-        found.append(Finding(kind=Kind.UNLIKE_POSES, text=text, numbers={"frames": strange}))
-    if (wider > 1).any():
-        share, times = float(np.mean(wider > 1)), float(np.sqrt(np.mean(wider[wider > 1] ** 2)))
-        text = (
-            f"standard deviations of {share:.0%} of the frames are {times:.2f} times as large (RMS; at most "
-            f"{wider.max():.2f}) as the model states, as trials erred that were left out of it"
-        )
-        found.append(
-            Finding(kind=Kind.WIDER_INTERVALS, text=text, numbers={"share": share, "times": times, "most": wider.max()})
-        )
-    if trials == 1:
-        text = (
-            "the model was learned from one trial, which cannot show how another differs: intervals are those of its "
-            "halves; learn from two or more"
-        )
-        found.append(Finding(kind=Kind.ONE_TRIAL, text=text))
-    if loose:
-        text = "no poses fit both the pixels and the bones of the model: check that it is of this animal"
-        found.append(Finding(kind=Kind.BONES_NOT_KEPT, text=text))
-    return found
-
-
-def unknown_corner(corner: str) -> Finding:
-    """Where pixels of one camera are taken to be counted from."""
-    text = f"pixels were taken to be counted from the {corner} corner, which one camera cannot tell: state `origin`"
-    return Finding(kind=Kind.PIXEL_ORIGIN, text=text, mends=("origin",))
-
-
 def never_together(xyz_m: Array) -> list[Finding]:
     """Points (T, M, 3) of which no frame shows as many as a pose needs: they may be of several animals.
 
@@ -219,39 +158,17 @@ def never_together(xyz_m: Array) -> list[Finding]:
     return [Finding(kind=Kind.NEVER_TOGETHER, alarm=True, text=text, numbers={"most": most})]
 
 
-def too_narrow(nis_per_row: float | None) -> list[Finding]:
-    """Prediction errors (innovations) that are much larger than the filter expects."""
-    if nis_per_row is None or nis_per_row < 2:
-        return []
-    times = float(np.sqrt(nis_per_row))
-    text = f"prediction errors are {times:.1f} times as large as the filter expects: its intervals are too narrow by "
-    return [Finding(kind=Kind.INTERVALS, alarm=True, text=f"{text}that factor", numbers={"times": times})]
-
-
-def no_joints(skeleton: Skeleton) -> Finding:
-    """Why there are no joints, and how to come by them."""
-    text = "no joint is seen often enough to learn a potential from"
-    if not skeleton.joints:
-        what = "the skeleton has no joints" if skeleton.bones or skeleton.trunk else "no skeleton with joints was given"
-        text = (
-            f"{what}: joints.csv is empty, no potentials were learned, and identity switches and body motion are "
-            "estimated without what is not stated. The command mocap skeleton proposes what the recording shows. State "
-            'the rest yourself ([joints], elbow = ["shoulder", "elbow", "wrist"]), and give it as `skeleton`'
-        )
-    return Finding(kind=Kind.JOINTS, alarm=True, text=text)
-
-
 def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) -> list[Finding]:
     """Samples (T, M) that were rejected for a reason (``REASONS``, ``DOUBTFUL``), by the names of their markers."""
     if not mask.any():
         return []
-    which = np.flatnonzero(mask.any(axis=0)).tolist() if names else []
+    count, which = int(mask.sum()), np.flatnonzero(mask.any(axis=0)).tolist() if names else []
     by_marker = f": {', '.join(f'{names[m]} ({mask[:, m].sum()})' for m in which)}" if names else ""
     return [
         Finding(
             kind=Kind(f"rejected: {reason}"),
-            text=f"{_counted(mask, 'sample')} rejected ({(REASONS | DOUBTFUL)[reason]}){by_marker}",
-            numbers={"samples": int(mask.sum())},
+            text=f"{count} sample{'' if count == 1 else 's'} rejected ({(REASONS | DOUBTFUL)[reason]}){by_marker}",
+            numbers={"samples": count},
             markers=tuple(names[m] for m in which),
         )
     ]
@@ -274,21 +191,6 @@ def hand_findings(apart: NDArray[np.int64], names: Sequence[str], *, first: int 
             frames=tuple(frame for frame, _ in where[:MOST]),
         )
     ]
-
-
-def wrong_rays(mask: NDArray[np.bool_]) -> Finding:
-    """Rays (C, T, M) of one of two cameras that disagree."""
-    text = (
-        f"{_counted(mask, 'ray')} rejected (of two cameras that disagree in some frames the one that the motion and "
-        "the other markers contradict)"
-    )
-    return Finding(kind=Kind.REJECTED_RAYS, text=text, numbers={"rays": int(mask.sum())})
-
-
-def _counted(mask: NDArray[np.bool_], what: str) -> str:
-    """How many a mask has."""
-    count = int(mask.sum())
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def exchange_findings(

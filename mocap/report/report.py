@@ -10,23 +10,23 @@ from scipy.special import chdtri
 from eal.arrays import Array
 from eal.potential import USUAL_LAMBDA, USUAL_WIDTH
 from mocap.cameras.triangulate import project
-from mocap.cleaning.clean import REASONS
+from mocap.cleaning.cleaned import cleaned
+from mocap.cleaning.positions import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.models.pose import WEIGHT
 from mocap.findings import alarms
 from mocap.io.unstated_unit import length
-from mocap.pipeline.cleaned import cleaned
-from mocap.pipeline.decided import decided
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.one_camera import NAME as ONE_CAMERA
-from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.result import Result
-from mocap.pipeline.summary import METHODS, method, notes, unit_of
-from mocap.pipeline.tracking import MOVED, lasting_cov, moved, moved_report, seen_frames
+from mocap.reading.decided import decided
 from mocap.recording import Recording
 from mocap.records import Status
+from mocap.report.summary import METHODS, method, notes, unit_of
 from mocap.text import number_of, plain
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.one_camera import NAME as ONE_CAMERA
+from mocap.tracking.potentials import JointPotential
+from mocap.tracking.result import Result
+from mocap.tracking.tracking import MOVED, lasting_cov, moved, moved_report, seen_frames
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 Counts = Mapping[str, Mapping[str, float]]

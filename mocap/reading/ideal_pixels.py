@@ -9,13 +9,13 @@ import numpy as np
 from eal.arrays import Array
 from mocap import audit
 from mocap.cameras.camera import Camera, scaled, stacked
-from mocap.cameras.lens_of_tracks import lens_of_tracks
+from mocap.cameras.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras.origin import PixelOptions, PixelOrigin, decide_origin, origin_alone
 from mocap.errors import CalibrationError, FormatError
+from mocap.findings import Finding, Kind
 from mocap.io.lines import UNIT_M
 from mocap.io.unstated_unit import of_cameras
-from mocap.pipeline import sentences
-from mocap.pipeline.decided import decided
+from mocap.reading.decided import decided
 from mocap.recording import Recording, Source, dataset
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
@@ -159,7 +159,7 @@ def _alone(recording: Recording, options: PixelOptions) -> Recording:
     ideal = rows.ideal(recording.cameras, recording.data["pixels"].values)
     known = options.origin or options.usual or all(camera.lens is None for camera in recording.cameras)
     how = decided(recording)
-    told = () if known else (sentences.unknown_corner(rows.pixels),)
+    told = () if known else (_unknown_corner(rows.pixels),)
     film = _counted(recording.having(ideal=ideal), rows)
     return film.with_part(replace(how, rows=rows, of_pixels=(*how.of_pixels, *told)))
 
@@ -183,7 +183,7 @@ def _together(recording: Recording, options: PixelOptions) -> Recording:
             raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
         lens = lens_of_tracks(cameras, ideal)
         ideal = lens.straight(ideal)
-        findings += (sentences.estimated_lens(lens),)
+        findings += (_estimated_lens(lens),)
     if options.correct_lag and (lags := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(lags)
         ideal = audit.in_step(ideal, late)
@@ -213,3 +213,18 @@ def _decided_apart(uv_px: Array, cameras: Sequence[Camera], options: PixelOption
             error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
             error.mends = ("correct_lag",)
         raise
+
+
+def _estimated_lens(lens: TrackLens) -> Finding:
+    """A lens that was estimated from the recording."""
+    return Finding(
+        kind=Kind.LENS,
+        text=f"the lens was estimated from the recording itself: {lens.words}; median residual of stretches that the "
+        f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after",
+    )
+
+
+def _unknown_corner(corner: str) -> Finding:
+    """Where pixels of one camera are taken to be counted from."""
+    text = f"pixels were taken to be counted from the {corner} corner, which one camera cannot tell: state `origin`"
+    return Finding(kind=Kind.PIXEL_ORIGIN, text=text, mends=("origin",))

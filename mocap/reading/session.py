@@ -9,7 +9,7 @@ from mocap.audit.across import TrialFacts, median_lengths
 from mocap.audit.geometry import handedness, jitter_px
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.pipeline.decided import decided
+from mocap.reading.decided import decided
 from mocap.recording import Recording
 
 FRAMES = 200

@@ -1,31 +1,24 @@
-"""The main job: from a recording to tracked motion, joints, potentials and a report."""
+"""Track a cleaned recording by the model that is asked for, or by the one that fills its hidden samples best."""
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
 
-import numpy as np
-
-from eal.threads import one_blas_thread
+from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError, beside
 from mocap.filters.bones import size_factor
-from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
-from mocap.pipeline import sentences
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_one_camera
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.one_camera import NAME, track_one_camera
-from mocap.pipeline.potentials import FRAME, SPACE, Potentials, joint_potentials
-from mocap.pipeline.report import Counts, consistency, make_report, readable
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result, rate_points
-from mocap.pipeline.tracking import (
+from mocap.progress import Stages
+from mocap.recording import Recording
+from mocap.side_by_side import call_all
+from mocap.text import as_text
+from mocap.tracking.result import Result, rate_points
+from mocap.tracking.tracking import (
     each_alone,
     learn_motion,
     marker_trial,
@@ -33,15 +26,10 @@ from mocap.pipeline.tracking import (
     track,
     track_mixed,
     trial_set,
-    whole_frames,
     why_no_pose,
     with_track,
 )
-from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.progress import Stages
-from mocap.recording import Recording
-from mocap.side_by_side import call_all
-from mocap.text import as_text
+from mocap.tracking.two_rays import without_contradicted, worth_checking
 
 Watch = Callable[[Recording, Recording, MotionModel], None]
 """Filters the seen part of a recording for somebody who watches."""
@@ -66,48 +54,6 @@ def existing_model(model: object, names: Sequence[str] = MODELS) -> Path:
         elif path.suffix or len(path.parts) > 1:  # a word alone was meant to be a name
             what = f"there is no such file{beside(path)}: "
     raise MocapError(f"`model` {as_text(str(model))}: {what}give {', '.join(names)}, or a file that mocap learn wrote")
-
-
-def run_job(
-    source: Recording,
-    *,
-    model: str = "auto",
-    learned: LearnedModel | None = None,
-    stages: Stages | None = None,
-    validated: bool = True,
-    seed: int = 0,
-    watch: Watch | None = None,
-) -> tuple[Result, Recording]:
-    """Track a recording.
-
-    Args:
-        source: The recording, cleaned or not.
-        model: Of ``mocap.filters.models.registry.NAMED``; a ``mixture`` of ``eal`` and constant velocity, or
-            (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better; of fewer
-            than four markers each by itself (``each_alone``).
-        learned: A model of other trials to track with, in place of these.
-        stages: Timer and progress.
-        validated: Whether to hide samples and measure how they are filled.
-        seed: Which samples to hide.
-        watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
-
-    Returns:
-        The recording as it was tracked, and as it was cleaned.
-
-    Raises:
-        MocapError: what makes it impossible, with what to do.
-    """
-    stages = stages or Stages()
-    with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
-        if of_one_camera(source):
-            with stages.stage("track one camera") as progress:
-                recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
-            tracked, scores = with_track(recording, part, NAME, smoothed), {}
-        else:
-            tracked, recording, why, scores = track_part(
-                source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
-            )
-        return reported(tracked, recording, why=why, scores=scores, stages=stages), recording
 
 
 def track_part(
@@ -183,42 +129,6 @@ def _compared(model: str, reason: str | None, single: str, *, mixing: bool) -> d
     names |= {single} if model == "auto" and reason is not None else set()
     posed = reason is None
     return {name: one.settings for name, one in NAMED.items() if name in names and (posed or not one.posed)}
-
-
-def reported(
-    tracked: Result,
-    recording: Recording,
-    *,
-    why: str,
-    scores: Mapping[str, Score],
-    stages: Stages,
-    whole: Counts | None = None,
-) -> Result:
-    """The tracked recording with potentials and a report.
-
-    Args:
-        tracked: The recording as it was tracked.
-        recording: As it was cleaned.
-        why: Why it was tracked by that model.
-        scores: How gaps that were hidden in it were filled.
-        stages: Timer and progress.
-        whole: Counts of the long recording of which these are some frames; None: they are all.
-    """
-    markers, skeleton = tracked.tracks, recording.skeleton
-    with stages.stage("joints and potentials"):
-        seen_m = np.where(np.isfinite(recording.xyz_m[..., :1]), markers.xyz_m, np.nan)
-        build = {"trunk": skeleton.trunk, "bones": skeleton.rigid}
-        axes = whole_frames(recording).rotation
-        joined = articulation(recording.names, seen_m, markers.sd_m, axes, **build)
-        planar, spatial = (
-            joint_potentials(tracked.joints_m(frame), frame, markers, skeleton) for frame in (FRAME, SPACE)
-        )
-    choice = ModelChoice(why=why, scores=scores, told=tuple(sentences.too_narrow(consistency(tracked)["nis_per_row"])))
-    none = not planar and recording.plane is None and (skeleton.joints or not skeleton.body_joints)
-    told = (sentences.no_joints(skeleton),) if none else ()
-    tracked = tracked.with_part(choice, Potentials(planar=planar, spatial=spatial, told=told))
-    report = make_report(recording, tracked, seconds=stages.seconds, articulated=joined, whole=whole)
-    return tracked.with_part(Report(numbers=report, text=readable(report, title=recording.name)))
 
 
 def _learned_from(learned: LearnedModel, part: Recording) -> str:

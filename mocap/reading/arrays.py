@@ -20,8 +20,8 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.lines import even_times, metres
 from mocap.io.movement import of_dataset
 from mocap.io.plausible import MOST_LIKELY, plausible
-from mocap.pipeline.ideal_pixels import with_ideal_pixels
-from mocap.pipeline.reading import animal, calibration_of, check_rig, complete, dataset_of
+from mocap.reading.ideal_pixels import with_ideal_pixels
+from mocap.reading.reading import animal, calibration_of, check_rig, complete, dataset_of
 from mocap.recording import Recording, Source
 from mocap.skeleton import Skeleton
 from mocap.text import unfit

@@ -11,8 +11,9 @@ from eal.arrays import Array
 from mocap.audit.samples import Jump
 from mocap.cameras.triangulate import project
 from mocap.cleaning.bias import lasting_share
-from mocap.cleaning.clean import POSE_MARKERS, POSE_SHARE, shows_a_pose
+from mocap.cleaning.cleaned import cleaned
 from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.cleaning.positions import POSE_MARKERS, POSE_SHARE, shows_a_pose
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
@@ -25,12 +26,11 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Motion, RatePoints, without_rates
 from mocap.joints import joint_variables
-from mocap.pipeline.cleaned import cleaned
-from mocap.pipeline.result import Result, limb_variables, rate_points
 from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
+from mocap.tracking.result import Result, limb_variables, rate_points
 from mocap.variables import VARIABLES, Values
 
 Progress = Callable[[float], None]

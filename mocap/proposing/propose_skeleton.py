@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError
 from mocap.filters.body_axes import body_frames
 from mocap.filters.bones import RIGID, learn_bones
@@ -19,12 +20,11 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
 from mocap.io.together import point_names
 from mocap.measures import JointAxes, Places
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.propose_measures import proposed_measures
-from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.proposing.propose_measures import proposed_measures
 from mocap.recording import Recording, as_recording
 from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names, number_of
+from mocap.tracking.tracking import marker_trial, seen_part
 
 SOFT = 2 * RIGID
 """Bones that vary by no more are proposed as soft ones."""

@@ -23,7 +23,7 @@ from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
 from mocap.reading.reading import read
 from mocap.recording import Recording
-from mocap.results.stored import RECORDING
+from mocap.results.files import RECORDING
 from mocap.schema import Entry, Schema, checked
 
 _YES = ("true", "yes", "1", "wahr", "vrai", "verdadero", "vero", "waar")

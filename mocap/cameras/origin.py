@@ -8,7 +8,6 @@ tens of pixels; one whose lens is applied upside down by a few.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
 
 import numpy as np
 
@@ -18,9 +17,8 @@ from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by
 from mocap.cameras.camera import Camera, flipped, may_be_cropped, stacked, undistorted
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.errors import CalibrationError, MocapError
+from mocap.records import BOTH, PixelCorner
 
-PixelCorner = Literal["upper-left", "lower-left"]
-BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 CLEARLY = 1.2
 """A choice is clear where the next best leaves a residual so many times as large. Chosen: errors of
 focal lengths of 0.5 % look like distortion, and lower it by as much (docs/experiments/audit_measured.md)."""

@@ -24,11 +24,10 @@ from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, without_
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
 from mocap.findings import Finding
-from mocap.io.deeplabcut import LEAST_LIKELIHOOD
 from mocap.reading.decided import decided
 from mocap.reading.ideal_pixels import with_rays, without_hand
 from mocap.recording import Recording, as_recording
-from mocap.records import Status
+from mocap.records import LEAST_LIKELIHOOD, Status
 from mocap.skeleton import Measures, Skeleton
 
 

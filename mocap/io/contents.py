@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera, scaled
 from mocap.cameras.lens import Lens
-from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
 from mocap.io.lines import metres, rate
-from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
+from mocap.records import MarkerTracks, PixelCorner, PixelTracks, Status, marker_tracks
 from mocap.text import file_names
 
 Bodies = Mapping[str, Mapping[str, Array]]

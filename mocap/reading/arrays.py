@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from eal.arrays import Array, unique
 from mocap.calls import check_stated
 from mocap.cameras.camera import Camera, dlt_camera, scaled
-from mocap.cameras.origin import PixelCorner, PixelOptions
+from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
@@ -23,6 +23,7 @@ from mocap.io.plausible import MOST_LIKELY, plausible
 from mocap.reading.ideal_pixels import with_ideal_pixels
 from mocap.reading.reading import animal, calibration_of, check_rig, complete, dataset_of
 from mocap.recording import Recording, Source
+from mocap.records import PixelCorner
 from mocap.skeleton import Skeleton
 from mocap.text import unfit
 

@@ -13,7 +13,7 @@ import xarray as xr
 from eal.arrays import unique
 from mocap.calls import check_rate, check_stated
 from mocap.cameras.camera import Camera, check_cameras
-from mocap.cameras.origin import OriginError, PixelCorner, PixelOptions
+from mocap.cameras.origin import OriginError, PixelOptions
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
 from mocap.findings import Finding, Kind, readings
 from mocap.io import dltdv
@@ -32,6 +32,7 @@ from mocap.reading.edits import read_log
 from mocap.reading.ideal_pixels import with_ideal_pixels
 from mocap.reading.whole_picture import counted_from_one, in_whole_picture
 from mocap.recording import Recording, Source, dataset
+from mocap.records import PixelCorner
 from mocap.skeleton import Skeleton
 from mocap.skeleton_files import is_model, read_skeleton
 from mocap.text import OTHER_OPTIONS, as_text, with_options

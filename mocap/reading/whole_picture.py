@@ -8,13 +8,12 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.origin import PixelCorner
 from mocap.cameras.triangulate import median_miss
 from mocap.errors import FormatError, MocapError
 from mocap.io.contents import FileContents
 from mocap.io.crop import crops_beside, crops_of, matched
 from mocap.io.format import head
-from mocap.records import PixelTracks
+from mocap.records import PixelCorner, PixelTracks
 
 FROM_ZERO = ("deeplabcut-csv", "deeplabcut-h5")
 """Formats whose first pixel has its centre at (0, 0)."""

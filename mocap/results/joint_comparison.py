@@ -19,7 +19,8 @@ from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current_files
 from mocap.records import Status
 from mocap.rerun.log_comparison import write_comparison_recording
-from mocap.results.stored import RECORDING, read_recording
+from mocap.results.files import RECORDING
+from mocap.results.stored import read_recording
 from mocap.sides import without_side
 from mocap.tracking.potentials import FRAME, PLANAR
 from mocap.tracking.result import Result

@@ -22,6 +22,7 @@ from mocap.reading.reading import in_arguments
 from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
 from mocap.results.earlier import EARLIER, WITHOUT_PARTS, earlier_parts, earlier_record
+from mocap.results.files import MARKERS, RECORDING, SKELETON
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
 from mocap.tracking.model_choice import ModelChoice
@@ -106,7 +107,6 @@ PARTS: Mapping[str, type] = {
     "report": Report,
 }
 """Parts that are kept, by their names in the header, each after those that it depends on."""
-RECORDING, MARKERS, SKELETON = "recording.nc", "markers.nc", "skeleton.toml"
 LOOSE = ("point_covariance", "pair_covariance")
 """Not packed: in single precision they would hardly be smaller."""
 

@@ -317,7 +317,7 @@ def _rays_told(mask: NDArray[np.bool_]) -> Finding:
     """Rays (C, T, M) of one of two cameras that disagree."""
     count = int(mask.sum())
     text = (
-        f"{count} ray{'' if count == 1 else 's'} rejected (of two cameras that disagree in some frames the one that the motion "
-        "and the other markers contradict)"
+        f"{count} ray{'' if count == 1 else 's'} rejected (of two cameras that disagree in some frames the one that "
+        "the motion and the other markers contradict)"
     )
     return Finding(kind=Kind.REJECTED_RAYS, text=text, numbers={"rays": count})

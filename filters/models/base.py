@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
+import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.bones import rigid_bones, sized_like
+from mocap.filters.groups import smooth_in_groups
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.potential import Bones
 from mocap.filters.observations import Observations, WithBodies
@@ -88,11 +90,13 @@ class FittedMotion:
         motion: The model.
         t_s: (T,) times of the last trial.
         rigid: What its rigid bodies say of markers that are not seen; None: there are none.
+        groups: Markers that are filtered by themselves (``filters.groups``); none: all are filtered together.
     """
 
     motion: MotionModel
     t_s: Array
     rigid: Completed | None = None
+    groups: Sequence[NDArray[np.int64]] = ()
 
     def fill(
         self, observations: Observations, *, rate_points: RatePoints | None = None, progress: Progress | None = None
@@ -104,10 +108,11 @@ class FittedMotion:
             rate_points: Points whose velocities and joint covariances are kept; None: of none.
             progress: Called with the share done.
         """
+        run = partial(smooth_in_groups, groups=self.groups, smooth=smooth) if self.groups else smooth
         if self.rigid is None or not self.rigid.filled.any():
-            return smooth(self.motion, observations, self.t_s, rate_points=rate_points, progress=progress)
+            return run(self.motion, observations, self.t_s, rate_points=rate_points, progress=progress)
         both = WithBodies(seen=observations, xyz_m=self.rigid.xyz_m, cov_m2=self.rigid.cov_m2)
-        found = smooth(self.motion, both, self.t_s, rate_points=rate_points, progress=progress)
+        found = run(self.motion, both, self.t_s, rate_points=rate_points, progress=progress)
         return replace(found, cov_m2=self.rigid.with_lasting(found.xyz_m, found.cov_m2, observations))
 
 

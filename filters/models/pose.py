@@ -89,7 +89,13 @@ class PoseSettings(TrajectoryModel):
         """Learn subspace, mechanics and potential from all trials, for the last one."""
         model = self._learned(trials)
         model = with_noise(model, self.process_noise or likely_noise(model, trials))
-        return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s, trials.rigid)
+        many = len(model.subspace.mean) > 3 * MOST_MARKERS
+        return FittedMotion(
+            replace(model, regression=self.regressed(trials)),
+            trials.trials[-1].t_s,
+            trials.rigid,
+            groups=groups_of(model) if many else (),
+        )
 
     def _learned(self, trials: TrialSet) -> PoseMotion:
         """Without regression, and with the process noise of the mechanics; once for all that ask."""

@@ -8,9 +8,9 @@ import xarray as xr
 
 from mocap.documents import damaged, from_json, regular_bytes
 from mocap.errors import FormatError
+from mocap.filters.limb_potential import limb_values
 from mocap.io.netcdf import read_netcdf
 from mocap.recording import with_variables
-from mocap.tracking.result import limb_variables
 
 EARLIER, MOTION, FORMAT = "run.nc", "motion.nc", "eal-mocap run 2"
 WITHOUT_PARTS = "eal-mocap recording 1"
@@ -85,4 +85,4 @@ def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, point
             data[name] = variable
     data = data.assign({name: data[name] == 1 for name in ("measured", "used")})
     data = data.set_coords([name for name in (*names, "point") if name in data.variables])
-    return with_variables(data, limb_variables(limbs), limb=list(limbs)) if limbs else data
+    return with_variables(data, limb_values(limbs), limb=list(limbs)) if limbs else data

@@ -105,7 +105,7 @@ def track_part(
             own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
             smoothed = track(part, own, rate_points=rate_points(recording), progress=progress)
-    return with_track(recording, part, name, smoothed, own), recording, why, scores
+    return with_track(recording, part, name, smoothed), recording, why, scores
 
 
 def _prepared(

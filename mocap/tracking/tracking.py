@@ -19,7 +19,6 @@ from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.moving import Rates, rate_points_of
 from mocap.filters.observations import WHOLE, Observations, PixelObservations, PositionObservations
 from mocap.filters.poses import MarkerTrial
@@ -30,7 +29,7 @@ from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, angle_names
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
-from mocap.tracking.result import Result, limb_variables, rate_points
+from mocap.tracking.result import Result, rate_points
 from mocap.variables import VARIABLES, Values
 
 Progress = Callable[[float], None]
@@ -175,12 +174,10 @@ def track(
     return model.fill(observations(part, hidden=hidden), rate_points=points, progress=progress)
 
 
-def with_track(
-    recording: Recording, part: Recording, name: str, smoothed: Estimate, own: FittedMotion | None = None
-) -> Result:
+def with_track(recording: Recording, part: Recording, name: str, smoothed: Estimate) -> Result:
     """The recording with a part of it, smoothed, in place of what was cleaned, every sample with its status.
 
-    With joints, limbs that were held, and the joint angles that were the state of the model (``own``).
+    With joints, and what the model says of its own state: limbs that were held, joint angles.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
     twentieth of the extent of all motion.
@@ -236,18 +233,18 @@ def with_track(
     motion = motion_of(found.tracks, frames, smoothed.rates, rate_points(recording), left_m_s=left)
     found = _with_joints(found.with_motion(motion), whole_frames(recording))
     found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(recording.y_up)))
-    if smoothed.limbs:
-        limbs: dict[str, Any] = {name: spread(name, of) for name, of in limb_variables(smoothed.limbs).items()}
-        found = found.having({"limb": list(smoothed.limbs)}, **limbs)
-    if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
-        return found
-    angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
-    angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
-    values: dict[str, Any] = {name: spread(name, of) for name, of in angles.items()}
-    values |= {"segment_length": own.motion.length_m, "segment_length_sd": own.motion.length_sd_m}
-    ends = [(part.names[int(a)], part.names[int(b)]) for a, b in own.motion.ends]
-    names = angle_names(ends, np.bincount(own.motion.tree.joint, minlength=len(ends)).tolist())
-    return found.having({"angle": names, "segment": [f"{a} to {b}" for a, b in ends]}, **values)
+    own: dict[str, Any] = {name: spread(name, of) for name, of in smoothed.own.items() if name in VARIABLES}
+    return found.having(_named(smoothed.own, part.names), **own)
+
+
+def _named(own: Mapping[str, NDArray[Any]], names: Sequence[str]) -> dict[str, Sequence[str]]:
+    """Names of the limbs, joint angles and segments that a model says something of (``Estimate.own``)."""
+    found: dict[str, Sequence[str]] = {"limb": own["limb"].tolist()} if "limb" in own else {}
+    if "segment_ends" in own:
+        ends = [(names[int(a)], names[int(b)]) for a, b in own["segment_ends"]]
+        found["angle"] = angle_names(ends, own["freedoms"].tolist())
+        found["segment"] = [f"{a} to {b}" for a, b in ends]
+    return found
 
 
 def _with_joints(recording: Result, frames: BodyFrames) -> Result:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -27,7 +28,7 @@ class Held(Protocol):
         """All."""
         ...
 
-    @property
+    @cached_property
     def chains(self) -> int:
         """Where the chains of markers begin in a state."""
         ...

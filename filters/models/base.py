@@ -7,12 +7,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Protocol
 
-import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.bones import rigid_bones, sized_like
-from mocap.filters.groups import smooth_in_groups
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.potential import Bones
 from mocap.filters.observations import Observations, WithBodies
@@ -90,13 +88,11 @@ class FittedMotion:
         motion: The model.
         t_s: (T,) times of the last trial.
         rigid: What its rigid bodies say of markers that are not seen; None: there are none.
-        groups: Markers that are filtered by themselves (``filters.groups``); none: all are filtered together.
     """
 
     motion: MotionModel
     t_s: Array
     rigid: Completed | None = None
-    groups: Sequence[NDArray[np.int64]] = ()
 
     def fill(
         self, observations: Observations, *, rate_points: RatePoints | None = None, progress: Progress | None = None
@@ -108,12 +104,27 @@ class FittedMotion:
             rate_points: Points whose velocities and joint covariances are kept; None: of none.
             progress: Called with the share done.
         """
-        run = partial(smooth_in_groups, groups=self.groups, smooth=smooth) if self.groups else smooth
         if self.rigid is None or not self.rigid.filled.any():
-            return run(self.motion, observations, self.t_s, rate_points=rate_points, progress=progress)
+            return self.smoothed(observations, rate_points=rate_points, progress=progress)
         both = WithBodies(seen=observations, xyz_m=self.rigid.xyz_m, cov_m2=self.rigid.cov_m2)
-        found = run(self.motion, both, self.t_s, rate_points=rate_points, progress=progress)
+        found = self.smoothed(both, rate_points=rate_points, progress=progress)
         return replace(found, cov_m2=self.rigid.with_lasting(found.xyz_m, found.cov_m2, observations))
+
+    def smoothed(
+        self, observations: Observations, *, rate_points: RatePoints | None, progress: Progress | None
+    ) -> Estimate:
+        """The same by what is observed alone, without rigid bodies."""
+        return smooth(self.motion, observations, self.t_s, rate_points=rate_points, progress=progress)
+
+
+class Fitted(Protocol):
+    """What was fitted to trials and fills the last of them; the one face of all models, a filter or none."""
+
+    def fill(
+        self, observations: Any, *, rate_points: RatePoints | None = None, progress: Progress | None = None
+    ) -> Estimate:
+        """Where the markers of the last trial are; arguments as of ``FittedMotion.fill``."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -126,7 +137,7 @@ class TrajectoryModel(ABC):
         """The model in a few words."""
 
     @abstractmethod
-    def fit(self, trials: TrialSet) -> FittedMotion:
+    def fit(self, trials: TrialSet) -> Fitted:
         """Learn from trials, among them the one to fill."""
 
     def applies(self, anatomy: Anatomy) -> bool:  # noqa: ARG002

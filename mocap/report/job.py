@@ -10,19 +10,16 @@ from mocap.filters.model import LearnedModel
 from mocap.filters.score import Score
 from mocap.findings import Finding, Kind
 from mocap.progress import Stages
-from mocap.reading.ideal_pixels import of_one_camera
 from mocap.recording import Recording
 from mocap.report.report import Counts, consistency, make_report, readable
 from mocap.skeleton import Skeleton
 from mocap.tracking.model_choice import ModelChoice
-from mocap.tracking.one_camera import NAME, track_one_camera
 from mocap.tracking.potentials import FRAME, SPACE, Potentials, joint_potentials
 from mocap.tracking.report_part import Report
 from mocap.tracking.result import Result
 from mocap.tracking.track_part import Watch, track_part
 from mocap.tracking.tracking import (
     whole_frames,
-    with_track,
 )
 
 
@@ -57,14 +54,9 @@ def run_job(
     """
     stages = stages or Stages()
     with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
-        if of_one_camera(source):
-            with stages.stage("track one camera") as progress:
-                recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
-            tracked, scores = with_track(recording, part, NAME, smoothed), {}
-        else:
-            tracked, recording, why, scores = track_part(
-                source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
-            )
+        tracked, recording, why, scores = track_part(
+            source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
+        )
         return reported(tracked, recording, why=why, scores=scores, stages=stages), recording
 
 

@@ -4,19 +4,22 @@ from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
+from typing import cast
 
 from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError, beside
 from mocap.filters.bones import size_factor
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
-from mocap.filters.models.base import TrajectoryModel
+from mocap.filters.models.base import FittedMotion, TrajectoryModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
 from mocap.progress import Stages
+from mocap.reading.ideal_pixels import of_one_camera
 from mocap.recording import Recording
 from mocap.side_by_side import call_all
 from mocap.text import as_text
+from mocap.tracking.one_camera import NAME, track_one_camera
 from mocap.tracking.result import Result, rate_points
 from mocap.tracking.tracking import (
     each_alone,
@@ -72,6 +75,10 @@ def track_part(
         The recording as it was tracked, with joints, and as it was cleaned; why it was tracked by that model; and how
         gaps that were hidden in it were filled.
     """
+    if of_one_camera(source):
+        with stages.stage("track one camera") as progress:
+            recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
+        return with_track(recording, part, NAME, smoothed), recording, why, {}
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):
@@ -81,7 +88,7 @@ def track_part(
     if watch is not None:
         with stages.stage("filter live"):
             alone = model if model in NAMED else "eal" if posed else each_alone(part)
-            watch(recording, part, learn_motion(part, NAMED[alone].settings).motion)
+            watch(recording, part, cast(FittedMotion, learn_motion(part, NAMED[alone].settings)).motion)
     mixing = learned is None and posed and model not in NAMED
     single = each_alone(part)
     beside = _compared(model, reason, single, mixing=mixing) if validated else None

@@ -17,7 +17,7 @@ from mocap.cleaning.positions import POSE_MARKERS, POSE_SHARE, shows_a_pose
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
-from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.models.base import Fitted, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.moving import Rates, rate_points_of
 from mocap.filters.observations import WHOLE, Observations, PixelObservations, PositionObservations
@@ -108,7 +108,7 @@ def observations(recording: Recording, *, hidden: Mask | None = None) -> Observa
     )
 
 
-def learn_motion(part: Recording, settings: TrajectoryModel) -> FittedMotion:
+def learn_motion(part: Recording, settings: TrajectoryModel) -> Fitted:
     """A motion model learned from a recording alone."""
     return settings.fit(trial_set(part))
 
@@ -163,7 +163,7 @@ def track_mixed(
 
 def track(
     part: Recording,
-    model: FittedMotion,
+    model: Fitted,
     *,
     hidden: Mask | None = None,
     rate_points: RatePoints | None = None,

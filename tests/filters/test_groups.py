@@ -5,8 +5,8 @@ import pytest
 from mocap.datasets import make_bat
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.groups import groups_of, part_of, smooth_in_groups
-from mocap.filters.models.base import FittedMotion, TrialSet
-from mocap.filters.models.pose import PoseSettings, likely_noise
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.pose import FittedGroups, PoseSettings, likely_noise
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
@@ -59,7 +59,7 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     asked = RatePoints(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
     whole = smooth(model, seen, truth.t_s, rate_points=asked)
     monkeypatch.setattr("mocap.filters.groups.MOST_MARKERS", 34)
-    found = FittedMotion(model, truth.t_s, groups=groups_of(model)).fill(seen, rate_points=asked)
+    found = FittedGroups(model, truth.t_s).fill(seen, rate_points=asked)
     assert len(found.observed) == T
     assert sorted(found.observed[0].where[:, 1].tolist()) == list(range(34))
     lost = np.isnan(seen.xyz_m[..., 0])

@@ -143,7 +143,6 @@ PANELS = {
         "mm_per_px": "MM",
         "video_offset": "FRAMES",
         "video_undistorted": "",
-        "live": "",
         "validate": "",
         "blocks": "FRAMES",
         "jobs": "N",

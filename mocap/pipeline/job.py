@@ -1,6 +1,6 @@
 """The main job: from a recording to tracked motion, joints, potentials and a report."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
@@ -14,7 +14,6 @@ from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
-from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
 from mocap.pipeline import sentences
 from mocap.pipeline.cleaning import clean
@@ -43,7 +42,6 @@ from mocap.recording import Recording
 from mocap.side_by_side import call_all
 from mocap.text import as_text
 
-Watch = Callable[[Recording, Recording, MotionModel], None]
 """Filters the seen part of a recording for somebody who watches."""
 MODELS = ("auto", "mixture", *NAMED)
 """What ``model`` may be called."""
@@ -76,7 +74,6 @@ def run_job(
     stages: Stages | None = None,
     validated: bool = True,
     seed: int = 0,
-    watch: Watch | None = None,
 ) -> tuple[Result, Recording]:
     """Track a recording.
 
@@ -89,7 +86,6 @@ def run_job(
         stages: Timer and progress.
         validated: Whether to hide samples and measure how they are filled.
         seed: Which samples to hide.
-        watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
         The recording as it was tracked, and as it was cleaned.
@@ -105,7 +101,7 @@ def run_job(
             tracked, scores = with_track(recording, part, NAME, smoothed), {}
         else:
             tracked, recording, why, scores = track_part(
-                source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
+                source, model=model, learned=learned, stages=stages, validated=validated, seed=seed
             )
         return reported(tracked, recording, why=why, scores=scores, stages=stages), recording
 
@@ -118,7 +114,6 @@ def track_part(
     stages: Stages,
     validated: bool,
     seed: int = 0,
-    watch: Watch | None = None,
 ) -> tuple[Result, Recording, str, Mapping[str, Score]]:
     """Track a recording, as ``run_job`` does, without potentials and a report.
 
@@ -132,10 +127,6 @@ def track_part(
         with stages.stage("check points of two rays"):
             recording = without_contradicted(recording, learned)
             part = seen_part(recording)
-    if watch is not None:
-        with stages.stage("filter live"):
-            alone = model if model in NAMED else "eal" if posed else each_alone(part)
-            watch(recording, part, learn_motion(part, NAMED[alone].settings).motion)
     mixing = learned is None and posed and model not in NAMED
     single = each_alone(part)
     beside = _compared(model, reason, single, mixing=mixing) if validated else None

@@ -24,7 +24,7 @@ from mocap.kinematics.moments import moments
 from mocap.kinematics.records import Kinematics
 from mocap.measures import JointAxes
 from mocap.pipeline.body_potential import BodyPotential, body_potential
-from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
+from mocap.pipeline.job import MODELS, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.potentials import JointPotential
 from mocap.pipeline.report_part import Report
@@ -401,7 +401,6 @@ def track(
     validate: bool = True,
     seed: int = 0,
     progress: Tell | None = None,
-    watch: Watch | None = None,
 ) -> Tracked:
     """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
 
@@ -415,7 +414,6 @@ def track(
         seed: Which samples are hidden.
         progress: Called with the name of a stage and the share of it that is done; None: bars, where errors go to a
             terminal.
-        watch: Called before all is smoothed, to filter for somebody who watches; not with a learned model.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
@@ -431,9 +429,7 @@ def track(
     learned = model.learned if isinstance(model, Model) else None
     with bars() if progress is None else nullcontext(progress) as tell:
         stages = Stages(tell=tell)
-        run, _ = run_job(
-            recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch
-        )
+        run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed)
     return Tracked.of(run)
 
 

@@ -178,6 +178,20 @@ def test_the_pages_can_be_read():
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= WORDS
 
 
+EXPERIMENTS = 15_000
+"""Words of all pages of ``docs/experiments/``: one table a decision; the rest is in the history."""
+
+
+def test_the_diary_is_short_and_all_of_it_is_linked():
+    """Pages of at most 1000 words, each named by the list of them."""
+    folder = ROOT / "docs" / "experiments"
+    words = {page.name: len(page.read_text(encoding="utf-8").split()) for page in folder.glob("*.md")}
+    assert sum(words.values()) <= EXPERIMENTS
+    assert max(words.values()) <= 1000
+    linked = set(re.findall(r"\]\((\w+\.md)\)", (folder / "README.md").read_text(encoding="utf-8")))
+    assert words.keys() - {"README.md"} == linked
+
+
 def test_the_version_is_one():
     """That of ``pyproject.toml``; ``CITATION.cff`` repeats it, and the changelog has a section of it."""
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]

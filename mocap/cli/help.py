@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from mocap.cli.complete import pages
 from mocap.cli.console import show
 from mocap.errors import MocapError
 
@@ -15,7 +16,9 @@ _OF_THE_SITE = re.compile(r"^(`{3,})\{(image|toctree|eval-rst)\}.*?^\1$\n?", re.
 
 
 def help_(
-    topic: Annotated[str | None, typer.Argument(help="Page, as errors name it; none: a list of them.")] = None,
+    topic: Annotated[
+        str | None, typer.Argument(help="Page, as errors name it; none: a list of them.", autocompletion=pages)
+    ] = None,
 ) -> None:
     """Print a page of the manual.
 

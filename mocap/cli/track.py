@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mocap.cli.complete import models
 from mocap.cli.console import progress, say, typed
 from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views, with_records
 from mocap.errors import FormatError, MocapError
@@ -55,7 +56,8 @@ def track(
         typer.Option(
             help="A file of mocap learn, or eal, mixture, articulated, lagrangian, smooth_acceleration, "
             "constant_velocity; auto: mixture, unless constant velocity fills hidden points better; of one to three "
-            "markers smooth_acceleration."
+            "markers smooth_acceleration.",
+            autocompletion=models,
         ),
     ] = "auto",
     validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,

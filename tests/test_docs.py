@@ -18,11 +18,12 @@ from mocap.filters.poses import MarkerTrial
 from docs.tools import columns, commands, html, licences
 from docs.tools.made import PAGES
 from eal import fit_potential
-from mocap.cli.help import ROOMS, topics
 from mocap.cli.table import ENTRIES
 from mocap.errors import FormatError, MocapError
+from mocap.findings import Harm, Kind
 from mocap.io.format import Hints, head
 from mocap.io.registry import read_as
+from mocap.manual import ROOMS, SYMPTOMS, topics, what_to_do
 from mocap.trouble import INSTALLING
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -128,6 +129,15 @@ def test_errors_name_pages_that_are_there(mocap, tmp_path):
     assert code == 1
     assert err.strip().endswith("; see: mocap help kinematics")
     assert topics().keys() | {None} >= {entry.page for entry in ENTRIES.values()}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in Kind if kind.harm is not Harm.NOTHING])
+def test_the_manual_says_what_to_do_about_every_kind_of_alarm(kind):
+    """The entry is on the page, names no page that a report cannot reach, and is one entry's alone."""
+    assert sum(kind in kinds for kinds in SYMPTOMS.values()) == 1
+    title, text = what_to_do(kind)
+    assert f"**{title}**" in " ".join(topics()["troubleshooting"].split())
+    assert ".md" not in text
 
 
 def test_pages_are_read_without_the_site(mocap):

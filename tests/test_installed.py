@@ -16,7 +16,7 @@ import pytest
 
 from docs.tools import columns
 from mocap import load
-from mocap.cli.help import ROOMS
+from mocap.manual import ROOMS
 from tests.mocap.test_library import documented_names
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -99,7 +99,7 @@ def real(ctx: typer.Context, incomplete: str) -> Iterator[str]:  # noqa: ARG001
 @_quiet
 def pages(ctx: typer.Context, incomplete: str) -> Iterator[str]:  # noqa: ARG001
     """Of the manual."""
-    from mocap.cli.help import topics
+    from mocap.manual import topics
 
     yield from topics()
 

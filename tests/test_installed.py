@@ -125,7 +125,7 @@ def ran(installed, tmp_path_factory):
     (other / "datasets" / "__init__.py").write_text("OWNER = 'somebody-else'\n")
     done = run_there(installed, folder, "-c", DEMO, "demo", "bat", "--out", "out", last=other)
     assert done.returncode == 0, done.stderr
-    return folder / "out", done.stdout.splitlines()[-1]
+    return folder / "out", done.stdout.splitlines()
 
 
 @pytest.fixture(scope="module")
@@ -142,10 +142,13 @@ def result(demo):
 
 def test_the_wheel_alone_runs_the_demo(installed, ran, result):
     """Its own files are imported, another's ``datasets`` is left alone, and it writes a result that it loads again."""
-    where, owner, *counts = ran[1].split()
+    *said, last = ran[1]
+    where, owner, *counts = last.split()
     assert where == str(installed / "mocap" / "__init__.py")
     assert owner == "somebody-else"
     assert counts == [str(len(result.skeleton.joints)), str(len(result.skeleton.markers))]
+    (following,) = [line for line in said if line.startswith("Next, with your own files: ")]
+    assert " info FILES " in following
 
 
 def test_the_demo_beats_what_people_use(demo):

@@ -207,6 +207,7 @@ def test_the_version_is_one():
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert f"\nversion: {stated}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\n## {stated}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f'version: "{stated}"' in (ROOT / "docs" / "releasing" / "recipe.yaml").read_text(encoding="utf-8")
 
 
 def test_the_reference_describes_every_command():

@@ -85,7 +85,12 @@ def counted(command, *, total, every_s=10.0):
     """Run pip and say how far it is: on a terminal in one line, else now and then; its last lines where it fails."""
     started = said = time.monotonic()
     process = subprocess.Popen(
-        [str(word) for word in command], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [str(word) for word in command],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        errors="replace",
     )
     lines, shown, last = queue.Queue(), Installed(total), []
     reader = threading.Thread(target=lambda: [lines.put(line) for line in process.stdout] + [lines.put(None)])

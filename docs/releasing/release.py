@@ -85,6 +85,15 @@ def uv(*command: str | Path, cwd: Path = ROOT) -> str:
     return words(sys.executable, "-m", "uv", *command, cwd=cwd)
 
 
+def ask_the_index_of_pip() -> None:
+    """uv does not read pip's configuration."""
+    configured = [sys.executable, "-m", "pip", "config", "get", "global.index-url"]
+    done = subprocess.run(configured, capture_output=True, text=True, encoding="utf-8", check=False)
+    index = os.environ.get("PIP_INDEX_URL") or done.stdout.strip()
+    if index:
+        os.environ.setdefault("UV_DEFAULT_INDEX", index)
+
+
 def tried(distribution: Path, python: str) -> None:
     """Install one file in a fresh environment and run it in an empty folder."""
     with tempfile.TemporaryDirectory() as place:
@@ -115,6 +124,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "dist")
     given = parser.parse_args()
     release, out = version(), given.out.resolve()
+    ask_the_index_of_pip()
     try:
         if missing := unready(release):
             print("\n".join(f"not ready: {one}" for one in missing), file=sys.stderr)
@@ -130,7 +140,9 @@ def main() -> None:
                 print(f"Python {python}: {path.name} installs and runs", flush=True)
         with tempfile.TemporaryDirectory() as place:
             wanted = Path(place) / "beside.in"
-            wanted.write_text("\n".join([*BESIDE, str(next(p for p in made if p.suffix == ".whl"))]) + "\n")
+            wanted.write_text(
+                "\n".join([*BESIDE, str(next(p for p in made if p.suffix == ".whl"))]) + "\n", encoding="utf-8"
+            )
             uv("pip", "compile", "--quiet", "--python-version", "3.12", wanted)
         print(f"one environment can hold it beside {', '.join(BESIDE)}", flush=True)
         recipe(next(p for p in made if p.name.endswith(".tar.gz")), out)

@@ -86,7 +86,7 @@ def uv(*command: str | Path, cwd: Path = ROOT) -> str:
 
 
 def ask_the_index_of_pip() -> None:
-    """uv does not read pip's configuration."""
+    """Tell uv, which does not read pip's configuration, of the index there."""
     configured = [sys.executable, "-m", "pip", "config", "get", "global.index-url"]
     done = subprocess.run(configured, capture_output=True, text=True, encoding="utf-8", check=False)
     index = os.environ.get("PIP_INDEX_URL") or done.stdout.strip()

@@ -15,7 +15,7 @@ from mocap.cli.options import PANELS
 
 
 def test_a_log_gets_a_line_now_and_then(monkeypatch):
-    """Nothing in the first seconds; then the stage, its share, and the time left, at intervals that double."""
+    """Nothing in the first seconds; then the stage, its share, and the time left, at intervals that double at first."""
     now, said = [0.0], []
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
     tell = console._Lines(said.append, every_s=10.0)
@@ -27,6 +27,18 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch):
         "30 s: track, 38% done, about 50 s left",
         "70 s: track, 88% done, about 10 s left",
     ]
+
+
+def test_no_minute_of_a_log_is_silent(monkeypatch):
+    """Intervals grow to a minute: of an hour of one stage each minute has its line."""
+    now, said = [0.0], []
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    tell = console._Lines(lambda _: said.append(now[0]))
+    for second in range(3600):
+        now[0] = float(second)
+        tell("track", second / 3600)
+    assert max(later - earlier for earlier, later in zip(said, said[1:], strict=False)) <= 60
+    assert len(said) <= 65
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="quotes of POSIX shells")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.registry import NAMED
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 
@@ -266,6 +267,13 @@ def test_the_example_of_a_motion_model_fills_a_gap():
     trial = MarkerTrial(name="a", t_s=t_s, xyz_m=shown, sd_m=np.full(shown.shape[:2], 1e-4))
     observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     filled = estimate(model, TrialSet([trial], Anatomy((0, 1))), observations)
+    page = (ROOT / "docs" / "howto" / "extend.md").read_text(encoding="utf-8")
+    (named,) = [block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "RESTING =" in block]
+    scope: dict = {"RestingSettings": type(model)}
+    exec(compile(named, "RESTING", "exec"), scope)
+    assert scope["RESTING"].settings == model
+    assert not scope["RESTING"].posed
+    assert set(scope["RESTING"].beside) <= NAMED.keys()
     np.testing.assert_allclose(filled.xyz_m[15:25, 0], truth[15:25, 0], atol=1e-3)
 
 

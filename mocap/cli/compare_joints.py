@@ -58,4 +58,4 @@ def compare_joints(
         return
     show_text(joint_comparison.readable(found, (runs_a, runs_b)))
     if out is not None:
-        say("", f"Wrote {out}/: report, figure, recording.rrd", f"Look at it: {typed(program(), 'view', out)}")
+        say("", f"Wrote {out}/: report, figure, recording.rrd", f"Look at it: {typed(*program(), 'view', out)}")

@@ -42,4 +42,4 @@ def demo(
         result.write(folder, progress=tell)
     finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose)
     if not as_json:
-        show_text(f"\n{NEXT.format(mocap=typed(program()))}")
+        show_text(f"\n{NEXT.format(mocap=typed(*program()))}")

@@ -178,5 +178,5 @@ def design_joint(
     say(
         "",
         f"Wrote {out}/: report, drawing, images{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
-        f"Look at it: {typed(program(), 'view', out)}",
+        f"Look at it: {typed(*program(), 'view', out)}",
     )

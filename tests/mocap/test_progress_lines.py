@@ -1,5 +1,6 @@
 """What a command says while it works and at its end: lines in a log, and commands that can be pasted."""
 
+import itertools
 import re
 import shlex
 import sys
@@ -37,7 +38,7 @@ def test_no_minute_of_a_log_is_silent(monkeypatch):
     for second in range(3600):
         now[0] = float(second)
         tell("track", second / 3600)
-    assert max(later - earlier for earlier, later in zip(said, said[1:], strict=False)) <= 60
+    assert max(later - earlier for earlier, later in itertools.pairwise(said)) <= 60
     assert len(said) <= 65
 
 
@@ -46,6 +47,22 @@ def test_what_is_to_be_typed_can_be_pasted():
     """A folder with spaces and quotes comes back as one word."""
     folder = Path("F5 track/it's")
     assert shlex.split(console.typed("mocap", "view", folder)) == ["mocap", "view", str(folder)]
+
+
+@pytest.mark.parametrize(
+    ("prefix", "words"),
+    [
+        ("/home/a/.cache/uv/archive-v0/Xs3", ("uvx", "eal-mocap")),
+        ("/home/a/.local/pipx/.cache/3f2", ("pipx", "run", "eal-mocap")),
+        ("/home/a/clone/.venv", ("/home/a/clone/.venv/bin/mocap",)),
+    ],
+)
+def test_the_program_is_named_as_it_can_be_called_again(monkeypatch, prefix, words):
+    """What uvx and pipx run lies in a folder that they take away again."""
+    monkeypatch.setattr("sys.prefix", prefix)
+    monkeypatch.setattr("sys.argv", [f"{prefix}/bin/mocap"])
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    assert console.program() == words
 
 
 REPORT = {

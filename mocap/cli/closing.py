@@ -32,7 +32,7 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
     kind = "parquet" if "blocks" in report else "csv"
     lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.{kind}, kinematics.{kind})")
     if not report.get("plane"):
-        lines += _indented(f"Look:   {typed(program(), 'view', out)}   (in the browser: add --web)")
+        lines += _indented(f"Look:   {typed(*program(), 'view', out)}   (in the browser: add --web)")
     after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
     after += ["", "Animal", *_indented(length_line(report))]
     wrong = [in_options(sentence) for sentence in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]

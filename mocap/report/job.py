@@ -17,7 +17,7 @@ from mocap.tracking.model_choice import ModelChoice
 from mocap.tracking.potentials import FRAME, SPACE, Potentials, joint_potentials
 from mocap.tracking.report_part import Report
 from mocap.tracking.result import Result
-from mocap.tracking.track_part import Watch, track_part
+from mocap.tracking.track_part import track_part
 from mocap.tracking.tracking import (
     whole_frames,
 )
@@ -31,7 +31,6 @@ def run_job(
     stages: Stages | None = None,
     validated: bool = True,
     seed: int = 0,
-    watch: Watch | None = None,
 ) -> tuple[Result, Recording]:
     """Track a recording.
 
@@ -44,7 +43,6 @@ def run_job(
         stages: Timer and progress.
         validated: Whether to hide samples and measure how they are filled.
         seed: Which samples to hide.
-        watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
         The recording as it was tracked, and as it was cleaned.
@@ -55,7 +53,7 @@ def run_job(
     stages = stages or Stages()
     with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
         tracked, recording, why, scores = track_part(
-            source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
+            source, model=model, learned=learned, stages=stages, validated=validated, seed=seed
         )
         return reported(tracked, recording, why=why, scores=scores, stages=stages), recording
 

@@ -1,18 +1,16 @@
 """Track a cleaned recording by the model that is asked for, or by the one that fills its hidden samples best."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
-from typing import cast
 
 from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError, beside
 from mocap.filters.bones import size_factor
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
-from mocap.filters.models.base import FittedMotion, TrajectoryModel
+from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
-from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
 from mocap.progress import Stages
 from mocap.reading.ideal_pixels import of_one_camera
@@ -34,8 +32,6 @@ from mocap.tracking.tracking import (
 )
 from mocap.tracking.two_rays import without_contradicted, worth_checking
 
-Watch = Callable[[Recording, Recording, MotionModel], None]
-"""Filters the seen part of a recording for somebody who watches."""
 MODELS = ("auto", "mixture", *NAMED)
 """What ``model`` may be called."""
 
@@ -67,7 +63,6 @@ def track_part(
     stages: Stages,
     validated: bool,
     seed: int = 0,
-    watch: Watch | None = None,
 ) -> tuple[Result, Recording, str, Mapping[str, Score]]:
     """Track a recording, as ``run_job`` does, without potentials and a report.
 
@@ -85,10 +80,6 @@ def track_part(
         with stages.stage("check points of two rays"):
             recording = without_contradicted(recording, learned)
             part = seen_part(recording)
-    if watch is not None:
-        with stages.stage("filter live"):
-            alone = model if model in NAMED else "eal" if posed else each_alone(part)
-            watch(recording, part, cast(FittedMotion, learn_motion(part, NAMED[alone].settings)).motion)
     mixing = learned is None and posed and model not in NAMED
     single = each_alone(part)
     beside = _compared(model, reason, single, mixing=mixing) if validated else None

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mocap.cleaning.cleaned import Cleaned
 from mocap.errors import MocapError
+from mocap.findings import Finding, Kind
 from mocap.kinematics.records import Quantity
 from mocap.plots.figures import Picture
 from mocap.plots.kinematics import label, plot_gaps, sensible
@@ -67,6 +69,21 @@ def test_what_a_page_shows_is_text_and_frames_link_to_the_gaps(written):
     assert page.count("&lt;script&gt;") >= 5
     assert '<a href="#gaps">frame 12</a>' in page
     assert '<figure id="gaps"' in page
+
+
+def test_each_finding_leads_to_what_can_be_done_about_it(written):
+    """Two of one kind to one entry of the manual, which stands on the page once; what nothing is known of to none."""
+    result, _ = written
+    kinds = {"p jumps": Kind.JUMP, "q jumps": Kind.JUMP, "the unit is odd": Kind.UNITS}
+    told = tuple(Finding(kind=kind, text=text, alarm=True) for text, kind in kinds.items())
+    report = {**result.report, "wrong": [*kinds, "something else"], "findings": []}
+    run = result.with_part(Cleaned(told=told)).with_part(Report(numbers=report, text="# a\n"))
+    page = report_page(run, result.kinematics, [], [], {})
+    assert re.findall(r'<a href="#(do\d)">What to do</a>', page) == ["do1", "do1", "do2"]
+    assert re.findall(r'<section id="(do\d)">', page) == ["do1", "do2"]
+    assert "something else</li>" in page
+    assert "mocap help" in page or "--unit" in page
+    assert ".md" not in page
 
 
 def test_a_speed_is_never_below_zero():

@@ -48,7 +48,7 @@ class Kind(StrEnum):
     SWAPPED_CAMERAS = "swapped cameras", Harm.ALL, "tracks"
     MIRRORED_PIXELS = "mirrored pixels", Harm.ALL
     SHIFTED_PIXELS = "shifted pixels", Harm.ALL
-    MIRRORED_WORLD = "mirrored world", Harm.ALL
+    MIRRORED_WORLD = "mirrored world", Harm.ALL, "calibration"
     MIRRORED_CAMERA = "mirrored camera", Harm.ALL
     COPIED_CAMERAS = "copied cameras", Harm.ALL
     COPIED_PIXELS = "copied pixels", Harm.ALL

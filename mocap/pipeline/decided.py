@@ -27,8 +27,8 @@ class Decided:
         lens: What was estimated of the lenses from the pixels themselves, and taken out; None: nothing.
         unit: Unit of the lengths in the files; None: not known, or none are.
         unit_from: Where it is known from.
-        rate_from: Where the frame rate is known from; ``playback``: of a file whose program may state the rate at which a
-            video is played.
+        rate_from: Where the frame rate is known from; ``playback``: of a file whose program may state the rate at which
+            a video is played.
         rate_in_file: What a file states, where another is stated; None: nothing.
         assumed_unit: What is to be said of a unit that nobody states; None: it is stated.
         of_pixels: What else was decided of pixels and their calibration.

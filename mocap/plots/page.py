@@ -57,6 +57,7 @@ def report_page(
         seconds=float(frames[-1] - frames[0]) if len(frames) else 0.0,
         numbers=_numbers(run, rows),
         wrong=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("wrong", ()))],
+        open=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("open", ()))],
         notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes]],
         cycles=_cycles(rows),
         angles=_angles(run, found),

@@ -23,6 +23,7 @@ from mocap.pipeline.potentials import Potentials
 from mocap.pipeline.reading import in_arguments
 from mocap.pipeline.report_part import Report
 from mocap.pipeline.result import Result
+from mocap.pipeline.session import Siblings
 from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
 from mocap.results.earlier import EARLIER, WITHOUT_PARTS, earlier_parts, earlier_record
@@ -100,6 +101,7 @@ def plane_dataset(run: Result) -> xr.Dataset:
 FORMAT = "eal-mocap recording 2"
 PARTS: Mapping[str, type] = {
     "decided": Decided,
+    "siblings": Siblings,
     "cleaned": Cleaned,
     "model": ModelChoice,
     "potentials": Potentials,

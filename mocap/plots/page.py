@@ -63,6 +63,7 @@ def report_page(
         numbers=_numbers(run, rows),
         wrong=[(_linked(said), anchors[remedies[said]] if said in remedies else None) for said in wrong],
         remedies=[(anchors[one], one[0], details.render(one[1])) for one in anchors],
+        open=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("open", ()))],
         notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes]],
         cycles=_cycles(rows),
         angles=_angles(run, found),

@@ -169,7 +169,8 @@ def make_report(
         },
         "length_m": _number(length(recording.xyz_m)),
         "assumed_unit": None if unit is None else unit.text,
-        "wrong": list(dict.fromkeys(f.text for f in alarms(found))),
+        "wrong": [f.text for f in alarms(found)],
+        "open": [f.text for f in found if f.asks and not f.alarm],
         "findings": [f.text for f in found],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
@@ -376,8 +377,9 @@ def readable(report: Mapping, *, title: str) -> str:
         f"- rejected samples: {_counted(rejected, report['rejected']['reasons'] | gated)}",
         f"- repaired samples: {_counted(report['repaired']['counts'], report['repaired']['reasons'])}",
     ]
-    wrong = report["wrong"]
-    lines += ["", "## Findings", "", *(f"- **{_readable(finding)}**" for finding in wrong)]
+    lines += ["", "## Findings", "", *(f"- **{_readable(finding)}**" for finding in report["wrong"])]
+    left = [text for text in report.get("open", ()) if text != report.get("assumed_unit")]  # which stands above
+    lines += [f"- **left open: {_readable(finding)}**" for finding in left]
     lines += [f"- {_readable(finding)}" for finding in notes(report)]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))

@@ -19,6 +19,7 @@ from mocap.io.tables import WORDS
 from mocap.json_records import AGAIN, plain, record
 from mocap.reading.decided import Decided
 from mocap.reading.reading import in_arguments
+from mocap.reading.session import Siblings
 from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
 from mocap.results.files import MARKERS, RECORDING, SKELETON
@@ -100,6 +101,7 @@ def plane_dataset(run: Result) -> xr.Dataset:
 FORMAT = "eal-mocap recording 2"
 PARTS: Mapping[str, type] = {
     "decided": Decided,
+    "siblings": Siblings,
     "cleaned": Cleaned,
     "model": ModelChoice,
     "potentials": Potentials,

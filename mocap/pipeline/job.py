@@ -16,6 +16,7 @@ from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
+from mocap.findings import Finding
 from mocap.pipeline import sentences
 from mocap.pipeline.cleaning import clean
 from mocap.pipeline.ideal_pixels import of_one_camera
@@ -213,12 +214,21 @@ def reported(
         planar, spatial = (
             joint_potentials(tracked.joints_m(frame), frame, markers, skeleton) for frame in (FRAME, SPACE)
         )
-    choice = ModelChoice(why=why, scores=scores, told=tuple(sentences.too_narrow(consistency(tracked)["nis_per_row"])))
+    told = sentences.too_narrow(consistency(tracked)["nis_per_row"]) + _unknown(tracked, whole)
+    choice = ModelChoice(why=why, scores=scores, told=tuple(told))
     none = not planar and recording.plane is None and (skeleton.joints or not skeleton.body_joints)
-    told = (sentences.no_joints(skeleton),) if none else ()
-    tracked = tracked.with_part(choice, Potentials(planar=planar, spatial=spatial, told=told))
+    lacking = (sentences.no_joints(skeleton),) if none else ()
+    tracked = tracked.with_part(choice, Potentials(planar=planar, spatial=spatial, told=lacking))
     report = make_report(recording, tracked, seconds=stages.seconds, articulated=joined, whole=whole)
     return tracked.with_part(Report(numbers=report, text=readable(report, title=recording.name)))
+
+
+def _unknown(tracked: Result, whole: Counts | None) -> list[Finding]:
+    """What is told of samples that are too uncertain to use."""
+    empty = tracked.data["unknown"].values
+    if whole is not None:
+        return sentences.unknown_positions(whole["samples"]["unknown"], whole["samples"]["total"])
+    return sentences.unknown_positions(empty.sum(), empty.size, (np.flatnonzero(empty.any(axis=1)) + 1).tolist())
 
 
 def _learned_from(learned: LearnedModel, part: Recording) -> str:

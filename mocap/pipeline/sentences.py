@@ -4,6 +4,7 @@ Those of the audit are made where it finds them (``mocap.audit``), those of a re
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,6 +151,36 @@ def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least:
     count = int(unlikely.sum())
     text = f"{count} clicks ({count / seen.sum():.1%}) have a likelihood below {least:g} and were not used"
     return [Finding(kind=Kind.LIKELIHOODS, text=text, numbers={"clicks": count})]
+
+
+def unknown_positions(count: float, total: float, frames: Sequence[int] = ()) -> list[Finding]:
+    """Filled samples of which nothing is known.
+
+    Args:
+        count: How many there are.
+        total: Of how many samples.
+        frames: In which, from 1; of a long recording none.
+    """
+    if not count:
+        return []
+    longest = max(runs_of(frames), key=len, default=range(0))
+    most = f"; most of them in frames {longest[0]} to {longest[-1]}" if len(longest) > 1 else ""
+    return [
+        Finding(
+            kind=Kind.UNKNOWN_POSITIONS,
+            text=f"{int(count)} positions ({count / total:.1%} of all) in gaps are too uncertain to use and are left "
+            f"empty: their 95 % intervals are as wide as the animal is long{most}",
+            numbers={"samples": count, "share": count / total},
+            frames=tuple(frames[:MOST]),
+        )
+    ]
+
+
+def runs_of(frames: Sequence[int]) -> list[range]:
+    """Runs of frames that follow each other."""
+    breaks = [i for i in range(1, len(frames)) if frames[i] != frames[i - 1] + 1]
+    edges = [0, *breaks, len(frames)] if frames else []
+    return [range(frames[a], frames[b - 1] + 1) for a, b in pairwise(edges)]
 
 
 def one_camera(other: float | None, strange: int, wider: Array, *, trials: int, loose: bool) -> list[Finding]:

@@ -9,17 +9,34 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
+from mocap.filters.hide import GAP_FRAMES
 from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import GATE_SD, Observed, observe, unused
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import RatePoints
+from numpy.typing import NDArray
 
-from eal.arrays import Array
+from eal.arrays import Array, true_runs
 from eal.threads import one_blas_thread
 
 Progress = Callable[[float], None]
+REMEMBERED = max(GAP_FRAMES)
+"""Frames without any sighting after which a motion is forgotten, and before which it is not foretold: the longest gap
+for which models learn how far they err."""
+
+
+def forgotten(shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(T,) frames that are more than ``REMEMBERED`` away from all of those (T,) in which anything is seen.
+
+    Before the first of these and after the last there are none: what may be kept there is for others to say.
+    """
+    out = np.zeros(len(shown), dtype=bool)
+    for start, stop in true_runs(~shown):
+        if start > 0 and stop < len(shown):
+            out[start + REMEMBERED : max(start, stop - REMEMBERED)] = True
+    return out
 
 
 def filter_frame(
@@ -62,7 +79,9 @@ def filter_forward(
     gate_sd: float = GATE_SD,
     progress: Progress | None = None,
 ) -> Iterator[Frame]:
-    """Filter frames, one after the other.
+    """Filter frames, one after the other; where a motion is ``forgotten``, from the initial state.
+
+    A state that is predicted for hundreds of frames grows until no number holds it.
 
     Args:
         model: Motion model.
@@ -74,8 +93,10 @@ def filter_forward(
         progress: Called with the share of all frames done.
     """
     state = model.initial() if before is None else before
+    anew = forgotten(observations.shown)
     for frame in range(observations.n_frames) if frames is None else frames:
-        step = Step(frame, round(float(t_s[frame] - t_s[frame - 1]), 12)) if frame else None
+        step = Step(frame, round(float(t_s[frame] - t_s[frame - 1]), 12)) if frame and not anew[frame] else None
+        state = model.initial() if anew[frame] else state
         filtered = filter_frame(model, observations, frame, state, step, gate_sd)
         state = filtered.state
         yield filtered
@@ -99,7 +120,7 @@ def smooth_back(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Smoothed, Arra
             cov = later[0].move.smoothed_cov(state.cov, later[1].cov)
             smoothed = Smoothed(smoothed.mean, cov, np.zeros_like(cov))
         yield frame, smoothed, adjoint.matrix
-        adjoint, later = frame.back(adjoint), (frame, smoothed)
+        adjoint, later = (None, None) if frame.move is None else (frame.back(adjoint), (frame, smoothed))
 
 
 def smooth(

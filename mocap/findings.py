@@ -101,6 +101,7 @@ class Kind(StrEnum):
     MIRROR_IMAGE = "mirror image"
     UNLIKE_POSES = "unlike poses"
     WIDER_INTERVALS = "wider intervals"
+    UNKNOWN_POSITIONS = "unknown positions"
     ONE_TRIAL = "one trial"
     BONES_NOT_KEPT = "bones not kept"
 

@@ -1,6 +1,7 @@
 """Pictures of the built-in recordings as their viewer shows them: ``python -m docs.tools.view_pictures FOLDER``."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,7 +14,7 @@ from mocap.reading.reading import read
 from mocap.report.demo import Animal, run_demo
 from mocap.report.job import run_job
 from mocap.rerun.compare import APPLICATION as COMPARISON
-from mocap.rerun.compare import comparison_blueprint, write_comparison
+from mocap.rerun.compare import compare_blueprint, stored_runs, write_comparison
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.tracking.result import Result
 from tests.mocap.rerun.headless import Headless
@@ -52,11 +53,9 @@ def picture_run(run: Result, folder: Path, *, prefix: str, frame: int, tabs: tup
     return out
 
 
-def picture_comparison(folder: Path) -> Path:
-    """Save a picture of the built-in flight tracked with the EAL model beside constant velocity."""
-    path = folder / "bat_compare.png"
-    with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
-        recordings = [Path(temporary) / f"{name}.rrd" for name in ("eal", "constant_velocity")]
+def two_models() -> dict[str, Result]:
+    """The built-in flight tracked with the EAL model, and with constant velocity."""
+    with TemporaryDirectory() as temporary:
         files = write_files(make_bat(), Path(temporary))
         source = read(
             files["pixels"],
@@ -65,16 +64,26 @@ def picture_comparison(folder: Path) -> Path:
             profile=files["profile"],
             skeleton=files["skeleton"],
         )
-        write_recording(run_job(source, model="eal", validated=False)[0], recordings[0])
-        write_recording(run_job(source, model="constant_velocity", validated=False)[0], recordings[1])
+        return {model: run_job(source, model=model, validated=False)[0] for model in ("eal", "constant_velocity")}
+
+
+def picture_comparison(runs: Mapping[str, Result], folder: Path, *, frame: int) -> Path:
+    """Save a picture of runs beside each other."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "bat_compare.png"
+    with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
+        recordings = [Path(temporary) / f"{name}.rrd" for name in runs]
+        for run, recording in zip(runs.values(), recordings, strict=True):
+            write_recording(run, recording)
         both = Path(temporary) / "both.rrd"
         write_comparison(recordings, both)
-        viewer.load(both, "eal - constant_velocity", application=COMPARISON)
-        Image.fromarray(viewer.show(comparison_blueprint(recordings), frame=COMPARED)).save(path, optimize=True)
+        viewer.load(both, " - ".join(runs), application=COMPARISON)
+        blueprint = compare_blueprint(*stored_runs(recordings))
+        Image.fromarray(viewer.show(blueprint, frame=frame)).save(path, optimize=True)
     return path
 
 
 if __name__ == "__main__":
     for name in WANTED:
         take_pictures(Path(sys.argv[1]), animal=name)
-    picture_comparison(Path(sys.argv[1]))
+    picture_comparison(two_models(), Path(sys.argv[1]), frame=COMPARED)

@@ -14,9 +14,11 @@ from mocap.rerun.blueprint import log_line, screen, series_view
 from mocap.rerun.columns import log_over_time, numbered_from, recording_into, segments, single, ui
 from mocap.rerun.landscape import MM_PER_M
 from mocap.rerun.layout import play_fps, trail_length
+from mocap.rerun.over_plane import PIXELS
 from mocap.rerun.row_map import amounts, log_row_map, rms, row_map_view, usual_limit
 from mocap.rerun.scene_views import eye, last_frames, world_view
 from mocap.rerun.stored import Stored, read_recording, recording_file
+from mocap.sides import words
 
 APPLICATION = "mocap-compare"
 COLORS = (palette.SKY_BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE)
@@ -35,7 +37,7 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
     Raises:
         MocapError: too few or too many, one of them is no recording, or they share no marker.
     """
-    stored, differences = _read(runs)
+    stored, differences = stored_runs(runs)
     name = " - ".join(s.name for s in stored)
     blueprint = compare_blueprint(stored, differences)
     with recording_into(out, application=APPLICATION, recording_id=name, blueprint=blueprint) as rec:
@@ -62,7 +64,12 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
                 )
 
 
-def _read(runs: Sequence[Path]) -> tuple[list[Stored], list[Difference]]:
+def stored_runs(runs: Sequence[Path]) -> tuple[list[Stored], list[Difference]]:
+    """Runs that are compared, and how far each but the first is from it.
+
+    Raises:
+        MocapError: too few or too many, one of them is no recording, or they share no marker.
+    """
     if not 2 <= len(runs) <= len(COLORS):
         raise MocapError(f"{len(runs)} runs: 2 to {len(COLORS)} can be compared")
     stored = [read_recording(path, name=name) for path, name in zip(runs, run_names(runs), strict=True)]
@@ -177,16 +184,19 @@ def _joints(runs: Sequence[Stored]) -> list[rrb.Container]:
             # the part of a view that holds a map, from where its image was put
             path = f"{paths.JOINTS}/{joint}/map/potential"
             corner, cell = (run.static(path, f"Transform3D:{part}")[0] for part in ("translation", "scale"))
-            shape = run.static(path, "Image:format")[0]
+            try:
+                shape = run.static(path, "Image:format")[0]  # of a recording of before November 2026
+            except KeyError:
+                shape = {"width": PIXELS, "height": PIXELS}
             ends = [(corner[k], corner[k] + cell[k] * shape[side]) for k, side in enumerate(("width", "height"))]
             heat_map = rrb.Spatial2DView(
                 origin=f"{root}/map",
-                name=f"{run.name}, {joint}: V_z (mm)",
+                name=f"{run.name}, {words(joint)}",
                 background=palette.GROUND,
                 visual_bounds=rrb.VisualBounds2D(x_range=ends[0], y_range=ends[1]),
                 overrides={f"{root}/map/trail": trail},
             )
-            value = series_view(f"{root}/series/potential", f"{run.name}, {joint}: V_z(q(t)) and its bound")
+            value = series_view(f"{root}/series/potential", f"{run.name}, {words(joint)}: joint potential")
             columns.append(rrb.Vertical(heat_map, value, row_shares=[5, 2]))
         tabs.append(rrb.Horizontal(*columns, name=joint))
     return [rrb.Tabs(*tabs, active_tab=0, name="Joints")] if tabs else []

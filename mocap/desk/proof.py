@@ -27,6 +27,9 @@ from mocap.reading.ideal_pixels import of_one_camera, straightened
 from mocap.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
+from mocap.sides import words
+from mocap.tracking.joint_map import map_picture
+from mocap.tracking.potentials import JointPotential
 from mocap.tracking.retrack import AROUND, tracked_again
 
 
@@ -375,21 +378,39 @@ class Proof(Pictures):
         }
 
     def potential(self, joint: str) -> bytes:
-        """The map of a joint's potential, as PNG.
+        """The map of a joint's potential, as a square PNG.
 
         Raises:
             MocapError: there is none, or too few samples were measured.
         """
+        found = self.result.potential(joint)
+        if isinstance(found, JointPotential):
+            return map_picture(found.map, pixels=1000)
         from matplotlib import pyplot
 
-        figure, ax = pyplot.subplots(figsize=(7, 6), layout="constrained")
+        figure, ax = pyplot.subplots(figsize=(7, 7), layout="constrained")
         try:
-            self.result.potential(joint).plot(ax)
+            found.plot(ax)
             picture = BytesIO()
             figure.savefig(picture, format="png", dpi=120)
         finally:
             pyplot.close(figure)
         return picture.getvalue()
+
+    def way(self, joint: str) -> dict[str, Any]:
+        """Where a joint is on its map in each frame, and where its centre is: shares of the width and of the height.
+
+        Raises:
+            MocapError: there is no potential of it; of a joint between bodies there are no places.
+        """
+        found = self.result.potential(joint)
+        if not isinstance(found, JointPotential):
+            return {"name": words(joint), "centre": None, "places": []}
+        left, right, bottom, top = found.map.bounds_mm
+        size = np.array([right - left, bottom - top])
+        corner = np.array([left, top])
+        at = (1e3 * self.result.joints_m(found.frame)[joint][:, :2] - corner) / size
+        return {"name": words(joint), "centre": listed(-corner / size), "places": [listed(one) for one in at]}
 
 
 @dataclass(frozen=True, eq=False)

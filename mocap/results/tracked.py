@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import pandas as pd
@@ -149,17 +149,26 @@ class Tracked(Result):
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
-    def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential:
-        """The empirical potential of a joint, with ``value``, ``gradient`` and ``plot``.
+    @overload
+    def potential(self) -> tuple[str, ...]: ...
+    @overload
+    def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential: ...
+    def potential(
+        self, joint: str | None = None, *, translations: bool = False
+    ) -> JointPotential | BodyPotential | tuple[str, ...]:
+        """The empirical potential of a joint, with ``value``, ``at``, ``gradient`` and ``plot``.
 
         Args:
-            joint: Its name; of a joint between bodies V_z is on its rotation.
+            joint: Its name; of a joint between bodies V_z is on its rotation. None: the names of those that there are.
             translations: Of a joint between bodies: on all its six coordinates.
 
         Raises:
             MocapError: there is none of that name, or too few samples were measured.
         """
-        if joint in {one.name for one in self.skeleton.body_joints}:
+        bodies = tuple(one.name for one in self.skeleton.body_joints)
+        if joint is None:
+            return (*self.potentials, *bodies)
+        if joint in bodies:
             axes = self.skeleton.measures.axes.get(joint, JointAxes())
             return body_potential(self.kinematics, joint, axes.sequence, translations=translations)
         found = self.potentials.get(joint)

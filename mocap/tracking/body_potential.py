@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array, short_repr
 from eal.choice import choose
+from eal.plot import COLORS
 from eal.potential import EmpiricalPotential, fit_potential, usual_kernel
 from eal.rotations import RotationKernel
 from mocap.errors import MocapError
@@ -55,7 +56,7 @@ class BodyPotential:
         grid = [np.linspace(a - 0.3 * (b - a), b + 0.3 * (b - a), 81) for a, b in zip(low, high, strict=True)]
         q = np.tile(self.samples.mean(axis=0), (81, 81, 1))
         q[..., first], q[..., second] = np.meshgrid(*grid)
-        filled = ax.contourf(*grid, self.value(q), levels=np.linspace(0.0, 1.0, 21), cmap="viridis_r")
+        filled = ax.contourf(*grid, self.value(q), levels=np.linspace(0.0, 1.0, 21), cmap=COLORS)
         ax.plot(*shown.T, ".", color="black", markersize=1.5, alpha=0.5)
         ax.set(xlabel=f"rotation about {'xyz'[first]} (degrees)", ylabel=f"rotation about {'xyz'[second]} (degrees)")
         ax.set_title(f"{words(self.joint)}: joint potential, low where the joint goes", fontsize=9)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -19,9 +20,9 @@ from mocap.joints import FRAMES
 from mocap.json_records import AGAIN, plain, record
 from mocap.records import MarkerTracks, Status
 from mocap.schema import POSITIVE, Entry, Schema, checked
-from mocap.sides import words
 from mocap.skeleton import Skeleton
 from mocap.text import file_names
+from mocap.tracking.joint_map import JointMap, draw_map, joint_map
 
 FRAME = "limb"
 """Frame of reference in which joints have two coordinates."""
@@ -78,35 +79,56 @@ class JointPotential:
         """Hessian of V_z in 1/m^2, (..., d, d), at (..., d) coordinates in metres."""
         return self.potential.hessian(np.asarray(q_m) / self.scale_m) / self.scale_m**2
 
-    def plot(self, ax: Any = None) -> Any:
-        """Map of V_z in the plane of the limb, in mm and degrees of flexion, with samples and limb; returns its axes.
+    @cached_property
+    def map(self) -> JointMap:
+        """What is seen in its plane: where it was often and never, its edge, both segments, angles.
 
         Raises:
             ValueError: it has more than two coordinates.
         """
-        labels = ("along the limb (mm)", "across (mm)", "third (mm)")[: self.samples_m.shape[1]]
-        ax = plot_potential(self.potential, ax, scale=1e3 * self.scale_m, labels=labels)
-        ax.set_title(f"{words(self.joint)}: joint potential, low where the joint goes", fontsize=9)
-        if self.samples_m.shape[1] == 2:
-            self._draw_limb(ax)
-        return ax
+        if self.samples_m.shape[1] != 2:
+            raise ValueError(
+                f"a potential of {self.samples_m.shape[1]} coordinates has no map: take that in the plane of the limb, "
+                "or fix all but two and draw value() of these"
+            )
+        return joint_map(self.joint, self.potential, self.samples_m, self.scale_m)
 
-    def _draw_limb(self, ax: Any) -> None:
-        """The segment before the joint, the mean of the next one, and flexion in degrees: 0 where both are in line."""
-        x, y = 1e3 * self.samples_m.T
-        length = float(np.median(np.hypot(x, y)))
-        (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-        ax.set_facecolor(ax.collections[0].get_facecolors()[-1])  # that of 1, beyond the map
-        ax.plot([-length, 0, x.mean()], [0, 0, y.mean()], "o-", color="white", linewidth=2, markersize=4, zorder=4)
-        angle = np.sort(np.degrees(np.arctan2(y, x)))
-        shown = [(-0.5 * length, -0.1 * length), (0.1 * length, 0.1 * length), (left, low), (right, high)]
-        for degrees in range(30 * int(np.floor(angle[0] / 30)), 30 * int(np.ceil(angle[-1] / 30)) + 1, 30):
-            way = length * np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
-            ax.plot(*np.outer(way, (1.22, 1.3)), color="white", linewidth=1)
-            ax.text(*(1.42 * way), f"{degrees}°", fontsize=7, ha="center", va="center", color="white")
-            shown.append(tuple(1.55 * way))
-        (x0, y0), (x1, y1) = np.min(shown, axis=0), np.max(shown, axis=0)
-        ax.set(xlim=(x0, x1), ylim=(y0, y1))
+    def at(self, *, degrees: ArrayLike) -> Array:
+        """V_z at angles of flexion, of which 0 is straight, with the segment as long as it is in half of the samples.
+
+        Args:
+            degrees: (...) angles; negative ones are beyond straight.
+
+        Returns:
+            (...) values between 0 (where the joint was seen) and 1.
+
+        Raises:
+            ValueError: it has more than two coordinates.
+        """
+        angle = np.radians(degrees)
+        return self.value(self.map.length_mm / 1e3 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+
+    def plot(self, ax: Any = None, *, expert: bool = False) -> Any:
+        """Map in the plane of the limb: yellow where the joint was often, violet where it never was; returns its axes.
+
+        Args:
+            ax: Matplotlib axes to draw on; None: new ones.
+            expert: Coordinates in mm, the standard deviation of V_z, kernel, lambda and rank in its place.
+
+        Raises:
+            ValueError: it has more than two coordinates.
+        """
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots(figsize=(5.4, 5.6), layout="constrained")[1] if ax is None else ax
+        found = self.map
+        if not expert:
+            return draw_map(found, ax)
+        plot_potential(self.potential, ax, scale=1e3 * self.scale_m, labels=("along the limb (mm)", "across (mm)"))
+        v = self.potential
+        how = f"lambda {v.sigma_lambda:.1g}, rank {v.effective_rank:.0f} of {len(v.samples)} samples"
+        ax.set_title(f"{found.name}: V_z, {v.kernel!r}\n{how}", fontsize=7)
+        return ax
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,8 +5,9 @@ python -m benchmarks.compare [--quick] [--draws N] [--rows TEXT] --out DIR
 A joint swings through its range, in degrees. What differs between trials of one animal is drawn for each: posture,
 range, or both; trials and animals of a and b may last longer or shorter, vary more or less, and be more or fewer. In
 rows of the null nothing else differs; in rows of power the reach of b is one standard deviation larger.
-``DIR/table.csv`` has a row for each: per cent of draws with p at most 0.05 and 0.01, with a band that is crossed, with
-intervals of the shift and of the ratio of variances that hold what was made, and with a p of variances at most 0.05.
+``DIR/draws.csv`` has a row for each draw (a run that ends early goes on there), ``DIR/table.csv`` one for each kind:
+per cent of draws with p at most 0.05 and 0.01, with a band that is crossed, with intervals of the shift and of the
+ratio of variances that hold what was made, and with a p of variances at most 0.05.
 """
 
 import argparse
@@ -133,23 +134,48 @@ ROWS = {
 }
 
 
-def measured(name: str, row: Row, draws: int) -> dict[str, object]:
-    """Shares over draws, in per cent."""
-    rng = np.random.default_rng(zlib.crc32(name.encode()))
-    found: dict[str, list[float]] = {key: [] for key in ("p05", "p01", "band", "shift", "ratio", "variance_p05")}
-    for _ in range(draws):
-        (a, of_a), (b, of_b) = row.a.draw(rng, "a"), row.b.draw(rng, "b")
-        one = compare(a, b, animals=(of_a, of_b) if row.named else None)
-        found["p05"].append(one.p_value <= 0.05)
-        found["p01"].append(one.p_value <= 0.01)
-        found["band"].append(bool(one.differs.any()))
-        found["shift"].append(one.shift_interval[0, 0] <= 0.0 <= one.shift_interval[0, 1])
-        low, high = np.log(one.variance_ratio_interval[0])
-        within = one.variance_of == "within trials"
-        made = np.log(_variance(row.b, within=within) / _variance(row.a, within=within))
-        found["ratio"].append(low <= made <= high)
-        found["variance_p05"].append(one.variance_p[0] <= 0.05)
-    return {"row": name, "kind": row.kind, "draws": draws, **{key: 100.0 * np.mean(x) for key, x in found.items()}}
+def drawn(name: str, row: Row, number: int) -> tuple[list[Array], list[Array], tuple[list[str], list[str]] | None]:
+    """Trials of a and of b of one draw, the same whoever asks, and whose each is where the row names animals."""
+    rng = np.random.default_rng([zlib.crc32(name.encode()), number])
+    (a, of_a), (b, of_b) = row.a.draw(rng, "a"), row.b.draw(rng, "b")
+    return a, b, (of_a, of_b) if row.named else None
+
+
+def judged(name: str, row: Row, number: int) -> dict[str, object]:
+    """What ``eal.compare`` says of one draw."""
+    a, b, animals = drawn(name, row, number)
+    one = compare(a, b, animals=animals)
+    low, high = np.log(one.variance_ratio_interval[0])
+    within = one.variance_of == "within trials"
+    made = np.log(_variance(row.b, within=within) / _variance(row.a, within=within))
+    return {
+        "row": name,
+        "draw": number,
+        "p": one.p_value,
+        "band": int(one.differs.any()),
+        "shift": int(one.shift_interval[0, 0] <= 0.0 <= one.shift_interval[0, 1]),
+        "ratio": int(low <= made <= high),
+        "variance_p": one.variance_p[0],
+    }
+
+
+def shares(draws: pd.DataFrame) -> pd.DataFrame:
+    """A row for each kind of draws, in per cent of them."""
+    found = []
+    for name, row in ROWS.items():
+        mine = draws[draws["row"] == name]
+        if len(mine):
+            yes = {
+                "p05": mine["p"] <= 0.05,
+                "p01": mine["p"] <= 0.01,
+                "band": mine["band"],
+                "shift": mine["shift"],
+                "ratio": mine["ratio"],
+                "variance_p05": mine["variance_p"] <= 0.05,
+            }
+            percent = {key: 100.0 * float(np.mean(value)) for key, value in yes.items()}
+            found.append({"row": name, "kind": row.kind, "draws": len(mine), **percent})
+    return pd.DataFrame(found)
 
 
 def _variance(group: Group, *, within: bool) -> float:
@@ -167,18 +193,22 @@ def main() -> None:
     parser.add_argument("--rows", default="", help="only rows whose name has this in it")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    draws = options.draws or (10 if options.quick else 400)
+    wanted = options.draws or (10 if options.quick else 400)
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = []
+    path = options.out / "draws.csv"
+    there = pd.read_csv(path) if path.is_file() else pd.DataFrame({"row": [], "draw": []})
+    done = set(zip(there["row"], there["draw"], strict=True))
     with one_blas_thread():
         for name, row in ROWS.items():
             if options.rows not in name:
                 continue
-            rows.append(measured(name, row, draws))
-            print(
-                ", ".join(f"{k} {v:.1f}" if isinstance(v, float) else f"{v}" for k, v in rows[-1].items()), flush=True
-            )
-            pd.DataFrame(rows).to_csv(options.out / "table.csv", index=False, float_format="%.4g")
+            for number in range(wanted):
+                if (name, number) not in done:
+                    one = pd.DataFrame([judged(name, row, number)])
+                    one.to_csv(path, mode="a", header=not path.is_file(), index=False, float_format="%.6g")
+            table = shares(pd.read_csv(path))
+            print(table[table["row"] == name].to_string(index=False, header=False, float_format="%.1f"), flush=True)
+            table.to_csv(options.out / "table.csv", index=False, float_format="%.4g")
 
 
 if __name__ == "__main__":

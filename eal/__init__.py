@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from eal.integrators import integrate_adaptive, simulate
     from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
     from eal.lagrangian import LagrangianSystem, PenalisedModel
+    from eal.mobility import Mobility, mobility
     from eal.potential import EmpiricalPotential, fit_potential, load_potential, usual_kernel
     from eal.rotations import RotationKernel
     from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
@@ -32,6 +33,7 @@ __all__ = [
     "LinearKernel",
     "Matern32Kernel",
     "Matern52Kernel",
+    "Mobility",
     "PenalisedModel",
     "ProductKernel",
     "Projection",
@@ -46,6 +48,7 @@ __all__ = [
     "fit_potential",
     "integrate_adaptive",
     "load_potential",
+    "mobility",
     "simulate",
     "system_from_energies",
     "usual_kernel",
@@ -60,6 +63,7 @@ _NAMES = {
     "eal.integrators": "integrate_adaptive simulate",
     "eal.kernels": "GaussianKernel Kernel LaplaceKernel Matern32Kernel Matern52Kernel",
     "eal.lagrangian": "LagrangianSystem PenalisedModel",
+    "eal.mobility": "Mobility mobility",
     "eal.potential": "EmpiricalPotential fit_potential load_potential usual_kernel",
     "eal.rotations": "RotationKernel",
     "eal.spectral": "Projection SpectralFilter Tail Tikhonov",

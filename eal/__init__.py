@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from eal.integrators import integrate_adaptive, simulate
     from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
     from eal.lagrangian import LagrangianSystem, PenalisedModel
-    from eal.mobility import Mobility, mobility
     from eal.potential import EmpiricalPotential, fit_potential, load_potential, usual_kernel
+    from eal.rotation_share import Mobility, mobility
     from eal.rotations import RotationKernel
     from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
     from eal.systems import constrained_acceleration
@@ -63,7 +63,7 @@ _NAMES = {
     "eal.integrators": "integrate_adaptive simulate",
     "eal.kernels": "GaussianKernel Kernel LaplaceKernel Matern32Kernel Matern52Kernel",
     "eal.lagrangian": "LagrangianSystem PenalisedModel",
-    "eal.mobility": "Mobility mobility",
+    "eal.rotation_share": "Mobility mobility",
     "eal.potential": "EmpiricalPotential fit_potential load_potential usual_kernel",
     "eal.rotations": "RotationKernel",
     "eal.spectral": "Projection SpectralFilter Tail Tikhonov",

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from eal import Tikhonov, fit_potential
 from eal.kernels import LaplaceKernel
-from eal.mobility import LAM, _Field, mobility
+from eal.rotation_share import LAM, _Field, mobility
 
 
 def cone(rng, n, *, swing_deg, twist_deg):

@@ -101,8 +101,8 @@ class Mobility:
             ax.plot(np.cos(turn), np.sin(turn), color="0.6", linewidth=0.8)
             for k, colour in enumerate(("#D55E00", "#009E73", "#0072B2")):
                 for poses, style in (
-                    (self.visited, {"markersize": 3.0, "alpha": 0.08}),
-                    (self.rotations, {"markersize": 1.2, "alpha": 0.8}),
+                    (self.visited, {"markersize": 11.0, "alpha": 0.06}),
+                    (self.rotations, {"markersize": 3.0, "alpha": 0.8}),
                 ):
                     flat = hemisphere(poses[:, :, k], side)
                     ax.plot(*flat.T, ".", color=colour, markeredgewidth=0.0, **style)

@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 
 from eal.threads import one_blas_thread
-from mocap.batches.engine import Engine, engine, limit_of, why_lost
+from mocap.batches.engine import Runner, engine, limit_of, why_lost
 from mocap.batches.find import find_trials
 from mocap.batches.one import basic_columns
 from mocap.batches.summary import (
@@ -255,7 +255,7 @@ def batch(
         return Batch(folder, state.sum_up(), tuple(trial.name for trial in own))
 
 
-def _learn(makes: Engine, state: "_State", seed: int, limit_s: float | None) -> None:
+def _learn(makes: Runner, state: "_State", seed: int, limit_s: float | None) -> None:
     """Learn a model of all trials, in one process.
 
     Raises:
@@ -276,7 +276,7 @@ def _learn(makes: Engine, state: "_State", seed: int, limit_s: float | None) -> 
     state.forget_workers()
 
 
-def _track(makes: Engine, state: "_State", options: Options, *, again: bool, limit_s: float | None) -> None:
+def _track(makes: Runner, state: "_State", options: Options, *, again: bool, limit_s: float | None) -> None:
     """Track what is missing."""
     trials = {trial.name: trial for trial in state.missing}
     limits = {name: limit_of(trial.paths, limit_s) for name, trial in trials.items()}

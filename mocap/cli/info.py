@@ -38,8 +38,8 @@ def info(
     """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
     from mocap.audit.inspect import inspect, readable
     from mocap.cameras.origin import PixelOptions
+    from mocap.cleaning.trial_audit import listed, of_files
     from mocap.errors import NoRateError
-    from mocap.tracking.trial_audit import listed, of_files
 
     corners = PixelOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
     files = files if calibration is None else [*files, calibration]

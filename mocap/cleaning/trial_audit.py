@@ -16,8 +16,7 @@ from mocap.io.format import Hints
 from mocap.io.registry import read as read_file
 from mocap.reading.ideal_pixels import of_one_camera
 from mocap.reading.reading import read
-from mocap.recording import Recording
-from mocap.tracking.blocks import BLOCK, LONG
+from mocap.recording import BLOCK, LONG, Recording
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -82,6 +82,7 @@ ALLOWED = {
     "mocap/batches": {
         "eal",
         "mocap",
+        "mocap/audit",
         "mocap/cameras",
         "mocap/io",
         "mocap/pipeline",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mocap.audit.across import TrialFacts, median_lengths
 from mocap.audit.geometry import handedness, jitter_px
+from mocap.audit.offsets import estimate_offsets
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.findings import Finding
@@ -101,6 +102,8 @@ def facts_of(
             facts["residual_px"] = float(np.nanmedian(miss))
             looked = np.isfinite(ideal[:, some, :, 0]).reshape(len(ideal), -1)
             facts["camera_px"] = tuple(map(float, by_camera(miss.ravel(), looked)))
+        if (lags := estimate_offsets(matrices, ideal)) is not None:
+            facts["lag_frames"] = tuple(map(float, lags.offset_frames))
         if (rows := decided(recording).rows) is not None:
             facts["mirrored"] = handedness(recording.cameras, y_up=rows.coefficients == "lower-left")
     else:

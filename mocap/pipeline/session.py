@@ -70,6 +70,8 @@ def facts_of(
         stated: Arguments that were stated for it alone.
         name: Of the trial; empty: the recording's.
     """
+    if not {"pixels", "position"} & {*recording.data}:  # bodies alone
+        return TrialFacts(name=name or recording.name, session=session, animal=animal, stated=stated)
     seen: NDArray[np.bool_] = recording.seen
     if "pixels" in recording.data:
         seen = np.asarray(seen.any(axis=0))

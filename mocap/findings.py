@@ -1,6 +1,6 @@
 """What was found in a recording, or decided about it: data, each with the one sentence that people read."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import IntEnum, StrEnum
 from functools import partial
@@ -202,3 +202,17 @@ def _of_several(same: list[Finding]) -> Finding:
     others = number_of(len(same) - 1, "other block")
     text = f"{first.text} (and in {others}, with their own numbers)"
     return Finding(kind=first.kind, text=text, alarm=first.alarm, cameras=first.cameras, markers=first.markers)
+
+
+def listed(findings: Sequence[Finding], *, indent: str = "  ") -> list[str]:
+    """The list as lines of text: what is wrong, worst first, what is left open, and what was decided."""
+    wrong, left, rest = ([f.text for f in findings if _class(f) == k] for k in range(3))
+    lines = ["What is wrong, worst first"] if wrong else ["Nothing is wrong" + (", as far as is known" if left else "")]
+    lines += [f"  {number}. {text}" for number, text in enumerate(wrong, start=1)]
+    for title, texts in (("Left open, to be stated", left), ("Decided", rest)):
+        lines += [title, *(f"  - {text}" for text in texts)] if texts else []
+    return [indent + line for line in lines]
+
+
+def _class(finding: Finding) -> int:
+    return 0 if finding.alarm else 1 if finding.asks else 2

@@ -79,6 +79,7 @@ ZeroOption = Annotated[
     Literal["position", "missing"] | None,
     typer.Option("--zero", help="What samples at exactly (0, 0, 0) are. Default: judged by how the markers move."),
 ]
+Individual = Annotated[str | None, typer.Option(help="Of a file with several animals, the one to read.")]
 SkeletonFile = Annotated[
     Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
 ]
@@ -138,6 +139,7 @@ PANELS = {
         "columns": "TEXT",
         "sheet": "NAME",
         "zero": "position|missing",
+        "individual": "NAME",
         "origin": "CORNER",
         "calibration_origin": "CORNER",
         "image_height": "PIXELS",
@@ -223,14 +225,21 @@ class FileOptions:
     columns: Columns = None
     sheet: Sheet = None
     zero: ZeroOption = None
+    individual: Individual = None
 
     def hints(self) -> "Hints":
         """As readers take it."""
         from mocap.io.format import Hints
         from mocap.io.plain import parse_columns
 
-        columns = parse_columns(self.columns or "")
-        return Hints(cameras=self.cameras, columns=columns, format=self.format_name, sheet=self.sheet, zero=self.zero)
+        return Hints(
+            cameras=self.cameras,
+            columns=parse_columns(self.columns or ""),
+            format=self.format_name,
+            sheet=self.sheet,
+            zero=self.zero,
+            individual=self.individual,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,7 +62,8 @@ def test_describing_a_short_table_imports_no_filter_and_no_picture(tmp_path):
     script = (
         f"import sys, contextlib; sys.argv = ['mocap', 'info', {str(path)!r}]; import mocap.cli.main as m\n"
         "with contextlib.suppress(SystemExit): m.main()\n"
-        "print(*sorted({'matplotlib', 'rerun', 'distributed', 'scipy.stats', 'filterpy', 'rich.markdown'} & set(sys.modules)), file=sys.stderr)"
+        "dear = {'matplotlib', 'rerun', 'distributed', 'scipy.stats', 'filterpy', 'rich.markdown'}\n"
+        "print(*sorted(dear & set(sys.modules)), file=sys.stderr)"
     )
     found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert "1 point, 3 frames" in found.stdout

@@ -26,6 +26,7 @@ TABLE: Mapping[str, Mapping[str, str]] = {
     "rigid bodies alone": {
         **_refused("contains no tracks"),
         **dict.fromkeys(("batch", "desk"), "no trial was found"),
+        "convert": "cannot store",  # but in formats of bodies
     },
     "angles alone": dict.fromkeys(ENTRANCES, "state what the columns are"),
     "labels of several animals": _refused("give `individual`"),

@@ -135,6 +135,8 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     report: Any = tracked.report
     samples, validation = report["samples"], report["validation"]
     score = validation["methods"].get(report["model"]["name"]) or validation["methods"].get("mixture") or {}
+    first, last = report["tracked_frames"]
+    inside = (last - first + 1) / report["frames"]
     # what the others tell is told by all trials as they are now (``mocap.batches.summary.with_siblings``)
     wrong = [" ".join(one.text.split()) for one in alarms(tracked.findings) if one.kind != Kind.UNLIKE_SIBLINGS]
     missing = {} if "blocks" in report else gaps((tracked.tracks.status == Status.MEASURED)[None])
@@ -142,7 +144,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
         "frames": int(report["frames"]),
         "fps": _rounded(report["fps"]),
         "cameras": len(report["cameras"]),
-        "measured_percent": _rounded(100 * samples["measured"]),
+        "measured_percent": _rounded(100 * samples["measured"] / inside),  # of the tracked frames, as in the report
         "model": str(report["model"]["name"]),
         "warnings": len(wrong),
         "warning": " | ".join(wrong),

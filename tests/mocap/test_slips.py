@@ -25,9 +25,7 @@ def files(tmp_path):
 
 def test_tracks_and_calibration_in_each_others_place(files):
     """They are to be exchanged."""
-    with pytest.raises(
-        FormatError, match=r"rig.csv: is a calibration, and t_xypts.csv, .* holds tracks: exchange them"
-    ):
+    with pytest.raises(FormatError, match=r"is a calibration, and t_xypts.csv, .* holds tracks: exchange"):
         library.read(files / "rig.csv", calibration=files / "t_xypts.csv", fps=100)
 
 

@@ -31,8 +31,8 @@ from mocap.kinematics.cycles import cycles
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.points import rate_points_for
 from mocap.kinematics.records import COUNTED, Cycle
-from mocap.pipeline.job import run_job
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
+from mocap.report.job import run_job
 from mocap.skeleton import Skeleton
 
 FRAMES, FPS = 216, 240.0

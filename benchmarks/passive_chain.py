@@ -21,8 +21,8 @@ from eal.arrays import Z95, Array
 from eal.systems import GRAVITY_M_S2
 from mocap.kinematics.moments import moments
 from mocap.measures import Measures, Segment
-from mocap.pipeline.arrays import from_arrays
-from mocap.pipeline.job import run_job
+from mocap.reading.arrays import from_arrays
+from mocap.report.job import run_job
 from mocap.skeleton import Bone, Joint, Skeleton
 
 LENGTH_M, MASS_KG = np.array([0.030, 0.025, 0.020]), np.array([0.003, 0.002, 0.001])

@@ -6,15 +6,11 @@ angles and the Lagrangian are linearised by their derivatives.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
 
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
-from mocap.filters.groups import MOST_MARKERS, groups_of, smooth_in_groups
 from mocap.filters.hide import GAP_FRAMES
-from mocap.filters.limb_potential import LimbKeeper
 from mocap.filters.motion.base import Frame, MotionModel, Step
-from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import GATE_SD, Observed, observe, unused
@@ -154,17 +150,12 @@ def smooth(
         rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST_MARKERS:
-        one = partial(smooth, gate_sd=gate_sd, most_bytes=most_bytes)
-        return smooth_in_groups(
-            model, observations, t_s, groups_of(model), one, rate_points=rate_points, progress=progress
-        )
     n_frames, size = observations.n_frames, model.initial().cov.size
     length = max(2, int(most_bytes / (3 * 8 * size)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
-    xyz, cov, angles, energies = [], [], [], []
+    xyz, cov = [], []
     keeper = None if rate_points is None else RateKeeper(model, rate_points)
-    holder = None if rate_points is None else LimbKeeper.of(model)
+    own = model.own(() if rate_points is None else rate_points.names)
     with one_blas_thread():
         half = None if progress is None else (lambda share: progress(0.5 * share))
         before: list[Moments | None] = [None]
@@ -193,10 +184,8 @@ def smooth(
             view = model.view(shown.mean, frame)
             if keeper is not None:
                 keeper.take(frame, here, state, shown, matrix)
-            if holder is not None:
-                holder.take(frame, shown)
-            angles.append(model.angles_of(shown))
-            energies.append(model.energy_of(shown.mean, frame))
+            for one in own:
+                one.take(frame, shown)
             xyz.append(view.mean)
             cov.append(shown.markers(view))
             if progress is not None:
@@ -207,7 +196,5 @@ def smooth(
         cov_m2=np.array(cov[::-1]),
         observed=observed,
         rates=rates,
-        angles=None if angles[0] is None else np.moveaxis(np.array(angles[::-1]), 1, 0),
-        energies=None if energies[0] is None else np.array(energies[::-1]),
-        limbs={} if holder is None or rate_points is None else holder.estimates(rate_points.names),
+        own={name: of for one in own for name, of in one.values().items()},
     )

@@ -58,7 +58,7 @@ VARIABLES: Mapping[str, Variable] = {
     "status": Variable(
         SAMPLE, "", "read", "codes of `mocap.records.Status`: missing, measured, rejected, ...", codes(max(Status))
     ),
-    "edited": Variable(SAMPLE, "", "read", "samples that a person corrected (`mocap.pipeline.edits`)", TRUTH),
+    "edited": Variable(SAMPLE, "", "read", "samples that a person corrected (`mocap.reading.edits`)", TRUTH),
     "by_hand": Variable(RAY, "", "read", "pixels that a person placed; since `clean` where `believed` has them", TRUTH),
     "overruled": Variable((*RAY, "pixel"), "px", "read", "what the file has where a person placed a marker"),
     "ideal": Variable((*RAY, "pixel"), "px", "read", "pixels without lens, in step, in the coefficients' convention"),

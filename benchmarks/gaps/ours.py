@@ -17,10 +17,10 @@ from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
 from eal.arrays import Array
 from mocap.io.unstated_unit import length
-from mocap.pipeline.job import run_job
-from mocap.pipeline.learning import learn_from
-from mocap.pipeline.result import Result
 from mocap.records import MarkerTracks
+from mocap.report.job import run_job
+from mocap.tracking.learning import learn_from
+from mocap.tracking.result import Result
 
 
 def effort() -> Effort:

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.pipeline.result import Result
 from mocap.plots.kinematics import COLOURS, styled
 from mocap.records import Status
+from mocap.tracking.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,14 +15,15 @@ from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table
 from mocap.kinematics.extremes import STATISTICS, cycle_statistics
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import Kinematics, Quantity, Rests
-from mocap.pipeline.reading import in_options
-from mocap.pipeline.result import Result
-from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
+from mocap.manual import what_to_do
 from mocap.plots import figures
 from mocap.plots.figures import Picture, drawn
 from mocap.plots.kinematics import UNITS, label
+from mocap.reading.reading import in_options
 from mocap.records import Status
+from mocap.report.summary import expected_error, length_text, notes, two_digits
 from mocap.sides import words
+from mocap.tracking.result import Result
 
 _MEANT = {"body_speed_m_s": "net body speed"}
 """Columns of the table of cycles whose names leave open what they are."""
@@ -49,6 +50,10 @@ def report_page(
     details = MarkdownIt("commonmark", {"html": False}).enable("table")
     sources = {one.name: base64.b64encode(svg[one.name].encode()).decode() for one in shown}
     frames = found.t_s
+    wrong = cast(Sequence[str], run.report.get("wrong", ()))
+    remedies = {f.text: entry for f in run.findings if f.text in wrong and (entry := what_to_do(f.kind)) is not None}
+    told = dict.fromkeys(remedies[said] for said in wrong if said in remedies)
+    anchors = {one: f"do{number}" for number, one in enumerate(told, start=1)}
     # title and text of each section but for the findings, which stand on the page
     parts = re.split(r"^## (.*)$", run.report_text, flags=re.MULTILINE)
     sections = [("Tracking", parts[0].partition("\n")[2]), *zip(parts[1::2], parts[2::2], strict=True)]
@@ -58,7 +63,9 @@ def report_page(
         fps=(len(frames) - 1) / (frames[-1] - frames[0]) if len(frames) > 1 else 0.0,
         seconds=float(frames[-1] - frames[0]) if len(frames) else 0.0,
         numbers=_numbers(run, rows),
-        wrong=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("wrong", ()))],
+        wrong=[(_linked(said), anchors[remedies[said]] if said in remedies else None) for said in wrong],
+        remedies=[(anchors[one], one[0], details.render(one[1])) for one in anchors],
+        open=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("open", ()))],
         notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes]],
         cycles=_cycles(rows),
         angles=_angles(run, found),

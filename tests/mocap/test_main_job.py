@@ -11,11 +11,11 @@ from mocap.datasets import PERFECT, make_bat
 from mocap.filters.track import forgotten
 from rerun.chunk import RrdReader
 
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import main
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.job import run_job
 from mocap.plots.figures import pictures
+from mocap.reading.ideal_pixels import of_pixels
+from mocap.report.job import run_job
 from mocap.rerun.record import write_recording
 from mocap.skeleton import Skeleton
 from tests.mocap.recordings import with_markers

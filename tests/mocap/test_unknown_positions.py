@@ -9,15 +9,15 @@ from mocap.filters.observations import PositionObservations
 from mocap.filters.track import REMEMBERED, forgotten, smooth
 
 from eal.arrays import Z95
+from mocap.cleaning.cleaning import clean
 from mocap.io.unstated_unit import length
-from mocap.pipeline import sentences
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.report import own_gap_samples
-from mocap.pipeline.tracking import learn_motion, seen_part, track, unknown_samples, with_track
 from mocap.plots.animal import _phases
 from mocap.recording import of_points
 from mocap.records import Status, marker_tracks
+from mocap.report.job import unknown_positions
+from mocap.report.report import own_gap_samples
 from mocap.skeleton import Skeleton
+from mocap.tracking.tracking import learn_motion, seen_part, track, unknown_samples, with_track
 
 T, M = 60, 6
 X = np.random.default_rng(1).normal(size=(1, M, 3)) + 0.01 * np.random.default_rng(0).standard_normal((T, M, 3))
@@ -95,8 +95,8 @@ def test_a_long_darkness_is_tracked_and_empty():
 
 def test_what_is_left_empty_is_told_once():
     """How many, and the frames of most; nothing where there are none."""
-    assert sentences.unknown_positions(0, 100) == []
-    (one,) = sentences.unknown_positions(30, 1000, [3, 10, 11, 12, 13, 20])
+    assert unknown_positions(0, 100) == []
+    (one,) = unknown_positions(30, 1000, [3, 10, 11, 12, 13, 20])
     assert "30 positions (3.0% of all)" in one.text
     assert "frames 10 to 13" in one.text
     assert not one.alarm

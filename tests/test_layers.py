@@ -111,6 +111,7 @@ ALLOWED = {
         "mocap/cleaning",
         "mocap/digitising",
         "mocap/io",
+        "mocap/kinematics",
         "mocap/proposing",
         "mocap/reading",
         "mocap/recording",

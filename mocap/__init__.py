@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mocap.reading.reading import read
     from mocap.recording import Recording
     from mocap.results.joint_comparison import compare_joints
+    from mocap.results.joint_mobility import mobility
     from mocap.results.many import learn_joints
     from mocap.results.tracked import Tracked, load, track
     from mocap.side_by_side import processes
@@ -49,6 +50,7 @@ __all__ = [
     "load",
     "load_batch",
     "load_model",
+    "mobility",
     "processes",
     "propose_skeleton",
     "read",
@@ -71,6 +73,7 @@ _PLACES = {  # the module of each public name
         "mocap.reading.reading": "read",
         "mocap.recording": "Recording",
         "mocap.results.joint_comparison": "compare_joints",
+        "mocap.results.joint_mobility": "mobility",
         "mocap.results.many": "learn_joints",
         "mocap.results.tracked": "Tracked load track",
         "mocap.side_by_side": "processes",

@@ -16,7 +16,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from math import inf
-from multiprocessing import current_process, forkserver, get_context, parent_process
+from multiprocessing import current_process, get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
@@ -214,6 +214,8 @@ def context_of(preload: str) -> BaseContext:
         raise MocapError(GUARD)
     if sys.platform != "linux":
         return get_context("spawn")
+    from multiprocessing import forkserver
+
     context = get_context("forkserver")
     context.set_forkserver_preload([preload])
     forkserver.ensure_running()

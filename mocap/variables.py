@@ -78,6 +78,9 @@ VARIABLES: Mapping[str, Variable] = {
     "reprojected": Variable((*RAY, "pixel"), "px", "track", "smoothed positions in each camera, as `ideal`"),
     "innovation": Variable((*RAY, "pixel"), "px", "track", "measured minus predicted, before the update"),
     "used": Variable(RAY, "", "track", "pixels that took part in the estimate", TRUTH),
+    "unknown": Variable(
+        SAMPLE, "", "track", "left empty: the 95 % interval is as wide as the animal is long (`unknown_samples`)", TRUTH
+    ),
     "nis": Variable(("time",), "", "track", "normalised innovation squared of each frame", {"least": 0.0}),
     "n_rows": Variable(("time",), "", "track", "scalar observations used in each frame", codes(2**31)),
     "log_likelihood": Variable(("time",), "", "track", "log density of a frame's observations given those before"),

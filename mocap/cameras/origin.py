@@ -94,6 +94,16 @@ class PixelOrigin:
     guessed: bool = False
     usual: bool = False
 
+    @property
+    def y_up(self) -> bool | None:
+        """Whether the coefficients count rows from the lower left; None: nobody states it, and nothing depends on it.
+
+        It is known where the user states the corner, where the program that wrote the pixels has one, and where another
+        would give other points.
+        """
+        known = self.stated or self.matters or self.usual
+        return self.coefficients == "lower-left" if known else None
+
     def describe(self) -> str:
         """One sentence for reports."""
         if not self.matters:

@@ -176,6 +176,7 @@ def _film(recording: Recording, first: int) -> Recording:
         told=(
             *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
             *(f for f in audited.findings if f.asks),
+            *_rate(film, xyz),
             *lens,
             *sentences.late_cameras(cameras, film.late_frames),
             *findings,
@@ -206,6 +207,13 @@ def _film(recording: Recording, first: int) -> Recording:
         camera_factor=health.factor,
         **with_lens,
     )
+
+
+def _rate(recording: Recording, xyz_m: Array | None) -> list[Finding]:
+    """What speaks against the frame rate, by its (T, M, 3) positions (None: in a plane)."""
+    how, fps = decided(recording), recording.fps
+    playback = how.rate_from == "playback"
+    return [] if not fps else audit.rate_findings(xyz_m, fps, playback=playback, in_file=how.rate_in_file)
 
 
 def _lens_uncertainty(
@@ -258,6 +266,7 @@ def _positions(recording: Recording, told: Sequence[Finding], first: int) -> Rec
         told=(
             *told,
             *odd,
+            *_rate(recording, xyz if plane is None else None),
             sentences.position_noise(sd[tracks.seen], plane),
             *jumps,
             *sentences.exchange_findings(swaps, doubtful, names, (), first=first),

@@ -52,5 +52,5 @@ def learn(
     if as_json:
         print(json.dumps({"out": str(out), "scores": model.scores}))  # noqa: T201
         return
-    show_text(f"Result: {out}\nUse it: {typed(program(), 'track', 'FILE', '--model', out, '--out', 'FOLDER')}\n")
+    show_text(f"Result: {out}\nUse it: {typed(*program(), 'track', 'FILE', '--model', out, '--out', 'FOLDER')}\n")
     show(model.report_text if verbose else model.scores_text)

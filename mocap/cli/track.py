@@ -1,7 +1,6 @@
 """``mocap track``."""
 
 import sys
-from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mocap.cli.complete import models
 from mocap.cli.console import progress, say, typed
 from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views, with_records
 from mocap.errors import FormatError, MocapError
@@ -56,10 +56,10 @@ def track(
         typer.Option(
             help="A file of mocap learn, or eal, mixture, articulated, lagrangian, smooth_acceleration, "
             "constant_velocity; auto: mixture, unless constant velocity fills hidden points better; of one to three "
-            "markers smooth_acceleration."
+            "markers smooth_acceleration.",
+            autocompletion=models,
         ),
     ] = "auto",
-    live: Annotated[bool, typer.Option("--live", help="Show frames in the viewer while they are tracked.")] = False,
     validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
     fit_lens: FitLens = False,
     blocks: Annotated[
@@ -95,62 +95,45 @@ def track(
         from mocap.io.movies import open_movies
 
         opened = open_movies(movies.video)
-    if live and learned is not None:
-        raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     inputs = [*recording.inputs, None if learned is None else Path(model)]
     size = block_size(recording, blocks)
-    if size and (live or opened):
+    if size and opened:
         raise MocapError(
-            f"--live and --video show recordings that are tracked at once, not in blocks of {size} frames: add "
-            "--blocks 0, or leave them out"
+            f"--video shows recordings that are tracked at once, not in blocks of {size} frames: add --blocks 0, or "
+            "leave it out"
         )
     footer = f"\n## Command that repeats this run\n\n    {again()}\n"
-    watching = nullcontext()
-    if live:
-        from mocap.rerun.live import session
+    with (
+        result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder,
+        progress() as tell,
+        mocap.processes(jobs),
+    ):
+        if size:
+            from mocap.results.long_result import write_in_blocks
 
-        watching = session(say)
-    with watching as watched:
-        with (
-            result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder,
-            progress() as tell,
-            mocap.processes(jobs),
-        ):
-            if size:
-                from mocap.results.long_result import write_in_blocks
-
-                record = None if learned is None else learned.learned
-                result = write_in_blocks(
-                    recording,
-                    folder,
-                    model=model,
-                    learned=record,
-                    size=size,
-                    validate=validate,
-                    footer=footer,
-                    progress=tell,
+            record = None if learned is None else learned.learned
+            result = write_in_blocks(
+                recording,
+                folder,
+                model=model,
+                learned=record,
+                size=size,
+                validate=validate,
+                footer=footer,
+                progress=tell,
+            )
+        else:
+            result = mocap.track(recording, model=learned or model, validate=validate, progress=tell)
+            result = result.with_report(footer)
+            if opened:
+                result = result.with_video(
+                    opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
                 )
-            else:
-                result = mocap.track(
-                    recording,
-                    model=learned or model,
-                    validate=validate,
-                    progress=tell,
-                    watch=None if watched is None else watched[0].watch,
-                ).with_report(footer)
-                if opened:
-                    result = result.with_video(
-                        opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
-                    )
-                result.write(folder, progress=tell)
-        limbs = result.skeleton.joints or result.skeleton.measures.cyclic
-        cycles = limbs and not size and (out / "cycles.csv").exists()
-        also = result.why_no_cycles if cycles else []
-        finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
-        if watched is not None:
-            watched[0].show(out / "recording.rrd", result.recording_id)
-            with suppress(KeyboardInterrupt):
-                watched[1].wait()
+            result.write(folder, progress=tell)
+    limbs = result.skeleton.joints or result.skeleton.measures.cyclic
+    cycles = limbs and not size and (out / "cycles.csv").exists()
+    also = result.why_no_cycles if cycles else []
+    finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
 
 
 def block_size(recording: "Recording", requested: int | None) -> int:

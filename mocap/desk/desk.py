@@ -421,7 +421,7 @@ class Desk:
                 TemporaryDirectory() as place,
             ):
                 result.write_recording(Path(place) / name)
-                write_page([Path(place) / name], folder)
+                write_page(Path(place) / name, folder)
             return f"wrote {self.out / name / 'page'}"
         place = self.out / name / "kinematics"
         with result_folder(place, "kinematics", replace=True) as folder:

@@ -49,6 +49,7 @@ class FileContents:
         bodies: Rigid bodies that the file states, in the unit of the points.
         findings: Sentences on what is unusual; ``remarks`` adds what the file does not state.
         assumed: Those of them that tell how the file was read where it leaves that open; a report begins with them.
+        playback: Whether its program may state the rate at which a video is played in place of the camera's.
     """
 
     format: str
@@ -70,6 +71,7 @@ class FileContents:
     bodies: Bodies = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
+    playback: bool = False
 
     def __post_init__(self) -> None:
         """Freeze and check that the parts have one size."""

@@ -14,7 +14,7 @@ from mocap.io.contents import FileContents
 from mocap.json_records import plain, record
 from mocap.recording import Recording
 
-From = Literal["stated", "file", "assumed", "nowhere"]
+From = Literal["stated", "file", "playback", "assumed", "nowhere"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,7 +27,9 @@ class Decided:
         lens: What was estimated of the lenses from the pixels themselves, and taken out; None: nothing.
         unit: Unit of the lengths in the files; None: not known, or none are.
         unit_from: Where it is known from.
-        rate_from: Where the frame rate is known from.
+        rate_from: Where the frame rate is known from; ``playback``: of a file whose program may state the rate at which
+            a video is played.
+        rate_in_file: What a file states, where another is stated; None: nothing.
         assumed_unit: What is to be said of a unit that nobody states; None: it is stated.
         of_pixels: What else was decided of pixels and their calibration.
         of_files: What else was decided of files: rates, numbers of frames, whatever they leave open.
@@ -39,6 +41,7 @@ class Decided:
     unit: str | None = None
     unit_from: From = "nowhere"
     rate_from: From = "nowhere"
+    rate_in_file: float | None = None
     assumed_unit: Finding | None = None
     of_pixels: tuple[Finding, ...] = ()
     of_files: tuple[Finding, ...] = ()

@@ -284,7 +284,7 @@ def complete(
         MocapError: the frame rate is not known, or no camera has it.
     """
     check_stated("fps", fps)
-    own = contents.unit
+    own, rate_in_file = contents.unit, None
     contents, assumed = in_metres(contents, unit)
     rate_from, slow = "stated", list[str]()
     if fps is None:
@@ -293,8 +293,9 @@ def complete(
         check_rate(contents.fps, where)
         tracks = contents.points if contents.pixels is None else contents.pixels
         slow = [] if tracks is None else slow_rate(contents.fps, tracks.t_s)
-        rate_from = "file"
+        rate_from = "playback" if contents.playback else "file"
     else:
+        rate_in_file = contents.fps
         contents = contents.with_rate(fps)
     contents, left_out = every_frame(contents)
     rates = (Finding(kind=Kind.FRAME_RATE, alarm=True, text=text) for text in slow)
@@ -302,6 +303,7 @@ def complete(
         unit=contents.unit,
         unit_from="stated" if unit else "file" if own else "assumed" if assumed else "nowhere",
         rate_from=rate_from,  # type: ignore[arg-type]
+        rate_in_file=rate_in_file,
         assumed_unit=next(iter(assumed), None),
         of_files=(*rates, *readings((*contents.assumed, *left_out))),
     )

@@ -1,6 +1,9 @@
-"""What a recording tells of itself, to be compared with the others of its session (``mocap.audit.across``)."""
+"""What a recording tells of itself, and what the others of its session tell of it (``mocap.audit.across``)."""
 
-from typing import Any
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,8 +12,46 @@ from mocap.audit.across import TrialFacts, median_lengths
 from mocap.audit.geometry import handedness, jitter_px
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.findings import Finding
+from mocap.json_records import plain, record
 from mocap.reading.decided import decided
 from mocap.recording import Recording
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Siblings:
+    """What the other trials of its session tell of a recording.
+
+    Attributes:
+        told: How it differs from them.
+    """
+
+    told: tuple[Finding, ...] = ()
+
+    step: ClassVar[str] = "read"
+    depends_on: ClassVar[tuple[str, ...]] = ()
+
+    def at(self, frames: NDArray[np.int64]) -> Self:  # noqa: ARG002
+        """The same."""
+        return self
+
+    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
+        """The same."""
+        return self
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What they tell."""
+        return self.told
+
+    def to_file(self, folder: Path) -> dict[str, Any]:  # noqa: ARG002
+        """All of it."""
+        return plain(self)
+
+    @classmethod
+    def of_file(cls, entries: Any, folder: Path, where: str) -> Self:  # noqa: ARG003
+        """Read back."""
+        return record(cls, entries, where)
+
 
 FRAMES = 200
 """Frames that are looked at, evenly taken: medians of 200 are known to 9 % of their spread."""
@@ -39,6 +80,7 @@ def facts_of(
         "fps": float(recording.fps or np.nan),
         "markers": tuple(name for name, shown in zip(recording.names, ever, strict=True) if shown),
         "cameras": recording.camera_names if "pixels" in recording.data else (),
+        "rig": _rig(recording),
         "unit": recording.source.unit or recording.data.attrs.get("space_unit") or "",
         "stated": stated,
     }
@@ -49,7 +91,7 @@ def facts_of(
     some = frames[np.unique(np.linspace(0, len(frames) - 1, min(FRAMES, len(frames))).astype(int))]
     after = np.minimum(some + 1, len(seen) - 1)
     if "pixels" in recording.data:
-        facts["noise_px"] = jitter_px(recording.data["pixels"].values)
+        facts["noise_px"] = float(jitter_px(recording.data["pixels"].values))
         if not (recording.cameras and "ideal" in recording.data and len(recording.cameras) > 1):
             return TrialFacts(**facts)
         ideal, matrices = recording.ideal_px, recording.matrices
@@ -69,3 +111,11 @@ def facts_of(
     if lengths and len(steps):
         facts["step"] = float(np.median(steps) / np.median(list(lengths.values())))
     return TrialFacts(**facts, lengths_m=lengths)
+
+
+def _rig(recording: Recording) -> str:
+    """A word that recordings of one calibration share: of its projections to six digits."""
+    if not recording.cameras:
+        return ""
+    scaled = recording.matrices / np.abs(recording.matrices).max(axis=(1, 2), keepdims=True)
+    return sha256(np.round(scaled, 6).tobytes()).hexdigest()[:12]

@@ -66,7 +66,7 @@ def measured_demo(
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
         model = learn_motion(part, NAMED["constant_velocity"].settings)
-        other = with_track(prepared, part, model.motion.name, track(part, model, progress=progress))
+        other = with_track(prepared, part, "constant_velocity", track(part, model, progress=progress))
         methods = {"mixture": run.tracks, "constant_velocity": other.tracks}
         gaps = {name: compared(m.xyz_m, m.cov_m2, truth, where).as_json() for name, m in methods.items()}
         for kind in ("cubic", "linear"):

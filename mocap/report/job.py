@@ -1,6 +1,7 @@
 """The main job: from a recording to tracked motion, joints, potentials and a report."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,21 +9,18 @@ from eal.threads import one_blas_thread
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel
 from mocap.filters.score import Score
-from mocap.findings import Finding, Kind
+from mocap.findings import MOST, Finding, Kind
 from mocap.progress import Stages
-from mocap.reading.ideal_pixels import of_one_camera
 from mocap.recording import Recording
 from mocap.report.report import Counts, consistency, make_report, readable
 from mocap.skeleton import Skeleton
 from mocap.tracking.model_choice import ModelChoice
-from mocap.tracking.one_camera import NAME, track_one_camera
 from mocap.tracking.potentials import FRAME, SPACE, Potentials, joint_potentials
 from mocap.tracking.report_part import Report
 from mocap.tracking.result import Result
-from mocap.tracking.track_part import Watch, track_part
+from mocap.tracking.track_part import track_part
 from mocap.tracking.tracking import (
     whole_frames,
-    with_track,
 )
 
 
@@ -34,7 +32,6 @@ def run_job(
     stages: Stages | None = None,
     validated: bool = True,
     seed: int = 0,
-    watch: Watch | None = None,
 ) -> tuple[Result, Recording]:
     """Track a recording.
 
@@ -47,7 +44,6 @@ def run_job(
         stages: Timer and progress.
         validated: Whether to hide samples and measure how they are filled.
         seed: Which samples to hide.
-        watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
         The recording as it was tracked, and as it was cleaned.
@@ -57,14 +53,9 @@ def run_job(
     """
     stages = stages or Stages()
     with one_blas_thread():  # at these sizes two BLAS threads only wait for each other
-        if of_one_camera(source):
-            with stages.stage("track one camera") as progress:
-                recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
-            tracked, scores = with_track(recording, part, NAME, smoothed), {}
-        else:
-            tracked, recording, why, scores = track_part(
-                source, model=model, learned=learned, stages=stages, validated=validated, seed=seed, watch=watch
-            )
+        tracked, recording, why, scores = track_part(
+            source, model=model, learned=learned, stages=stages, validated=validated, seed=seed
+        )
         return reported(tracked, recording, why=why, scores=scores, stages=stages), recording
 
 
@@ -96,10 +87,11 @@ def reported(
         planar, spatial = (
             joint_potentials(tracked.joints_m(frame), frame, markers, skeleton) for frame in (FRAME, SPACE)
         )
-    choice = ModelChoice(why=why, scores=scores, told=tuple(_too_narrow(consistency(tracked)["nis_per_row"])))
+    told = _too_narrow(consistency(tracked)["nis_per_row"]) + _unknown(tracked, whole)
+    choice = ModelChoice(why=why, scores=scores, told=tuple(told))
     none = not planar and recording.plane is None and (skeleton.joints or not skeleton.body_joints)
-    told = (_no_joints(skeleton),) if none else ()
-    tracked = tracked.with_part(choice, Potentials(planar=planar, spatial=spatial, told=told))
+    lacking = (_no_joints(skeleton),) if none else ()
+    tracked = tracked.with_part(choice, Potentials(planar=planar, spatial=spatial, told=lacking))
     report = make_report(recording, tracked, seconds=stages.seconds, articulated=joined, whole=whole)
     return tracked.with_part(Report(numbers=report, text=readable(report, title=recording.name)))
 
@@ -124,3 +116,41 @@ def _no_joints(skeleton: Skeleton) -> Finding:
             'the rest yourself ([joints], elbow = ["shoulder", "elbow", "wrist"]), and give it as `skeleton`'
         )
     return Finding(kind=Kind.JOINTS, alarm=True, text=text)
+
+
+def _unknown(tracked: Result, whole: Counts | None) -> list[Finding]:
+    """What is told of samples that are too uncertain to use."""
+    empty = tracked.data["unknown"].values
+    if whole is not None:
+        return unknown_positions(whole["samples"]["unknown"], whole["samples"]["total"])
+    return unknown_positions(empty.sum(), empty.size, (np.flatnonzero(empty.any(axis=1)) + 1).tolist())
+
+
+def unknown_positions(count: float, total: float, frames: Sequence[int] = ()) -> list[Finding]:
+    """Filled samples of which nothing is known.
+
+    Args:
+        count: How many there are.
+        total: Of how many samples.
+        frames: In which, from 1; of a long recording none.
+    """
+    if not count:
+        return []
+    longest = max(runs_of(frames), key=len, default=range(0))
+    most = f"; most of them in frames {longest[0]} to {longest[-1]}" if len(longest) > 1 else ""
+    return [
+        Finding(
+            kind=Kind.UNKNOWN_POSITIONS,
+            text=f"{int(count)} positions ({count / total:.1%} of all) in gaps are too uncertain to use and are left "
+            f"empty: their 95 % intervals are as wide as the animal is long{most}",
+            numbers={"samples": count, "share": count / total},
+            frames=tuple(frames[:MOST]),
+        )
+    ]
+
+
+def runs_of(frames: Sequence[int]) -> list[range]:
+    """Runs of frames that follow each other."""
+    breaks = [i for i in range(1, len(frames)) if frames[i] != frames[i - 1] + 1]
+    edges = [0, *breaks, len(frames)] if frames else []
+    return [range(frames[a], frames[b - 1] + 1) for a, b in pairwise(edges)]

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from eal.arrays import Array
@@ -13,8 +14,10 @@ from mocap.cameras.triangulate import project
 from mocap.cleaning.cleaned import cleaned
 from mocap.cleaning.positions import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS, exchanged_samples
+from mocap.filters.hide import GAP_FRAMES, gap_lengths, interior_gaps, length_bins
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.models.pose import WEIGHT
+from mocap.filters.score import Score
 from mocap.findings import alarms
 from mocap.io.unstated_unit import length
 from mocap.reading.decided import decided
@@ -54,7 +57,9 @@ def counts(recording: Recording, tracked: Result, frames: slice = slice(None)) -
             "total": origin.size,
             "seen": int(np.isfinite(recording.xyz_m[frames][..., 0]).sum()),
             **{o.name.lower(): int((origin == o).sum()) for o in Status},
+            "unknown": int(tracked.data["unknown"].values[frames].sum()),
         },
+        "gap_samples": own_gap_samples(origin),
         "rejected": {
             **{reason: int(mask[frames].sum()) for reason, mask in rejected.items()},
             "moved": int(far[frames].sum()),
@@ -63,6 +68,14 @@ def counts(recording: Recording, tracked: Result, frames: slice = slice(None)) -
         },
         "repaired": {reason: int(mask[frames].sum()) for reason, mask in (exchanged | edited).items()},
     }
+
+
+def own_gap_samples(origin: NDArray[np.int8]) -> dict[str, float]:
+    """How many samples lie in gaps between two sightings, by the number of ``length_bins``."""
+    seen = origin == Status.MEASURED
+    inside = interior_gaps(seen)
+    found = np.bincount(length_bins(gap_lengths(seen)[inside]), minlength=len(GAP_FRAMES) + 1)
+    return {str(i): int(count) for i, count in enumerate(found)}
 
 
 def together(one: Counts, other: Counts) -> Counts:
@@ -161,6 +174,7 @@ def make_report(
         "validation": {
             "hidden_samples": max((one.samples for one in validation.values()), default=0),
             "methods": {name: one.as_json() for name, one in validation.items()},
+            "gaps": _by_length(validation.get(tracked.model), numbers["gap_samples"]),
         },
         "joints": {name: _joint(p) for name, p in potentials.items()},
         "articulation": {
@@ -169,7 +183,8 @@ def make_report(
         },
         "length_m": _number(length(recording.xyz_m)),
         "assumed_unit": None if unit is None else unit.text,
-        "wrong": list(dict.fromkeys(f.text for f in alarms(found))),
+        "wrong": [f.text for f in alarms(found)],
+        "open": [f.text for f in found if f.asks and not f.alarm],
         "findings": [f.text for f in found],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
@@ -179,6 +194,16 @@ def make_report(
         return report
     plane = {"unit": recording.plane.unit, "mm_per_px": recording.plane.mm_per_px}
     return {**_in(recording.plane.length, report), "plane": plane}
+
+
+def _by_length(score: Score | None, own: Mapping[str, float]) -> list[dict[str, float | None]]:
+    """The error to expect by length of gap, beside how many samples of the recording lie in such gaps."""
+    errors = {} if score is None else dict(enumerate(score.by_length_mm))
+    longest: list[int | None] = [*GAP_FRAMES, None]
+    return [
+        {"to_frames": most, "samples": int(own[str(i)]), "rmse_mm": _number(errors.get(i, np.nan))}
+        for i, most in enumerate(longest)
+    ]
 
 
 def _in(unit: str, value: Any) -> Any:
@@ -341,6 +366,7 @@ def readable(report: Mapping, *, title: str) -> str:
             report["validation"]["methods"],
             unit,
         ),
+        *_length_lines(report["validation"].get("gaps", []), unit),
         "## Quality",
         "",
         f"- standard deviation of measured samples {_two(sd['measured'], unit)}, of filled ones "
@@ -368,16 +394,17 @@ def readable(report: Mapping, *, title: str) -> str:
     nis = report["innovation"]
     if nis["nis_per_row"] is not None:
         lines.append(
-            f"- mean squared prediction error {nis['nis_per_row']:.2f} times what the filter expects (1: consistent; "
-            "above 1: its intervals are too narrow)"
+            f"- mean squared prediction error {nis['nis_per_row']:.2f} times what the filter expects (above 2: its "
+            "intervals are too narrow; near 1 is no proof that they are right)"
         )
     gated = {"gated_rays": "single-camera observations too far from where the filter predicted them"}
     lines += [
         f"- rejected samples: {_counted(rejected, report['rejected']['reasons'] | gated)}",
         f"- repaired samples: {_counted(report['repaired']['counts'], report['repaired']['reasons'])}",
     ]
-    wrong = report["wrong"]
-    lines += ["", "## Findings", "", *(f"- **{_readable(finding)}**" for finding in wrong)]
+    lines += ["", "## Findings", "", *(f"- **{_readable(finding)}**" for finding in report["wrong"])]
+    left = [text for text in report.get("open", ()) if text != report.get("assumed_unit")]  # which stands above
+    lines += [f"- **left open: {_readable(finding)}**" for finding in left]
     lines += [f"- {_readable(finding)}" for finding in notes(report)]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
@@ -479,6 +506,23 @@ def _gap_lines(title: str, methods: Mapping | None, unit: str) -> list[str]:
         lines.append(f"| {plain(method(name))} | {rmse} | {coverage} | {z} |")
     methods_text = "; ".join(f"{METHODS[name][0]}, {METHODS[name][1]}" for name in methods if name in METHODS)
     return [*lines, "", *([f"Methods: {methods_text}.", ""] if methods_text else [])]
+
+
+def _length_lines(gaps: Sequence[Mapping], unit: str) -> list[str]:
+    """A table of errors to expect by length of gap; empty where the recording has no gaps, or nothing was hidden."""
+    total = sum(one["samples"] for one in gaps)
+    if not total or all(one[f"rmse_{unit}"] is None for one in gaps):
+        return []
+    names = [f"to {one['to_frames']}" if one["to_frames"] else f"over {GAP_FRAMES[-1]}" for one in gaps]
+    errors = ["-" if one[f"rmse_{unit}"] is None else f"{one[f'rmse_{unit}']:.2f}" for one in gaps]
+    shares = [f"{one['samples'] / total:.0%}" for one in gaps]
+    return [
+        "| gaps, frames | " + " | ".join(names) + " |",
+        "|---" * (len(gaps) + 1) + "|",
+        f"| error to expect (RMSE {unit}) | " + " | ".join(errors) + " |",
+        f"| of the {total} missing samples of this recording | " + " | ".join(shares) + " |",
+        "",
+    ]
 
 
 def residuals_by_camera(recording: Recording) -> dict[str, dict[str, float | None]]:

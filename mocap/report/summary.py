@@ -162,5 +162,5 @@ def length_line(report: Mapping) -> str:
 
 def notes(report: Mapping) -> Sequence[str]:
     """Findings that ask for nothing: what was decided, rejected or repaired."""
-    wrong = set(report.get("wrong", ()))
-    return [sentence for sentence in report.get("findings", ()) if sentence not in wrong]
+    told = {*report.get("wrong", ()), *report.get("open", ())}
+    return [sentence for sentence in report.get("findings", ()) if sentence not in told]

@@ -5,7 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.arrays import Array
-from mocap.filters.records import Limb
+from mocap.filters.limb_potential import Limb
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, series_view
 from mocap.rerun.columns import log_over_time, single, ui

@@ -42,7 +42,7 @@ from mocap.tracking.learning import Model, load_model
 from mocap.tracking.potentials import JointPotential
 from mocap.tracking.report_part import Report
 from mocap.tracking.result import Result, rate_points
-from mocap.tracking.track_part import MODELS, Watch, existing_model
+from mocap.tracking.track_part import MODELS, existing_model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -411,7 +411,6 @@ def track(
     validate: bool = True,
     seed: int = 0,
     progress: Tell | None = None,
-    watch: Watch | None = None,
 ) -> Tracked:
     """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
 
@@ -425,7 +424,6 @@ def track(
         seed: Which samples are hidden.
         progress: Called with the name of a stage and the share of it that is done; None: bars, where errors go to a
             terminal.
-        watch: Called before all is smoothed, to filter for somebody who watches; not with a learned model.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
@@ -441,9 +439,7 @@ def track(
     learned = model.learned if isinstance(model, Model) else None
     with bars() if progress is None else nullcontext(progress) as tell:
         stages = Stages(tell=tell)
-        run, _ = run_job(
-            recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch
-        )
+        run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed)
     return Tracked.of(run)
 
 

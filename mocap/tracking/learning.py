@@ -246,9 +246,10 @@ def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Itera
     for source in sources:
         one = clean(source.without_needless_calibration()).in_space("learning")
         if not source.cleaned:
-            how = decided(source)
-            for text in dict.fromkeys(str(f) for f in (how.assumed_unit, *how.of_files) if f is not None):
-                tell(f"{one.name}: {text}")
+            read_so = decided(source).of_files
+            for finding in one.findings:  # in the order of all commands
+                if finding.asks or finding in read_so:
+                    tell(f"{one.name}: {finding.text}")
         yield one
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -10,11 +9,14 @@ from eal.arrays import Array
 from mocap.cleaning.cleaned import Cleaned, written
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
+from mocap.filters.anatomy import anatomy_of
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.one_camera import OneCameraSettings
 from mocap.filters.moving import rate_points_of
-from mocap.filters.one_camera import Found, jitter_px, left_out, shown, track_views
+from mocap.filters.one_camera import jitter_px, shown
 from mocap.filters.one_view import Views
-from mocap.filters.pose_prior import LEAST_MARKERS, learn_prior
+from mocap.filters.pose_prior import LEAST_MARKERS
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.findings import Finding, Kind
@@ -23,6 +25,8 @@ from mocap.tracking.result import rate_points
 
 NAME = "one camera"
 """Of the model, in reports and tables."""
+RARE = 0.05
+"""Mirror images of a smaller probability are not told of. Chosen."""
 
 
 def track_one_camera(
@@ -63,27 +67,20 @@ def track_one_camera(
     part = film.at(frames).only(markers)
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
     own, inside = part.names, part.ideal_px
-    trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
-    prior, stated = learn_prior(trials, trunk), source.source
-    noise = stated.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
+    noise = source.source.pixel_sd or max(float(np.nan_to_num(jitter_px(inside))), LEAST_PX)
     views = Views(matrices=film.matrices, uv_px=inside, sd_px=np.full(inside.shape[:3], noise))
-    found = track_views(
-        prior,
-        views,
-        doubt=partial(left_out, prior, trials, trunk),
-        rate_points=rate_points_of(own, rate_points(source)),
-        progress=progress,
-    )
-    believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
-    found = replace(found, estimate=replace(found.estimate, xyz_m=believed))
+    unseen = replace(empty, xyz_m=empty.xyz_m[:, markers], sd_m=empty.sd_m[:, markers])
+    anatomy = replace(anatomy_of(own, learned.trunk, ()), bodies=())
+    fitted = OneCameraSettings().fit(TrialSet([*trials, unseen], anatomy))
+    found = fitted.fill(views, rate_points=rate_points_of(own, rate_points(source)), progress=progress)
     why = (
         f"learned from {', '.join(trial.name for trial in trials)}; the size of the animal is the model's, within "
-        f"{prior.size_sd:.1%} (standard deviation)"
+        f"{fitted.prior.size_sd:.1%} (standard deviation)"
     )
-    return _cleaned(film, part, found, noise, len(trials)), part, found.estimate, why
+    return _cleaned(film, part, found, noise, len(trials)), part, found, why
 
 
-def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trials: int) -> Recording:
+def _cleaned(film: Recording, part: Recording, found: Estimate, noise: float, trials: int) -> Recording:
     """The recording as others are cleaned: with the points that were found where a marker was seen."""
     n_cameras, n_frames, n_markers, _ = film.ideal_px.shape
     seen = film.seen.any(axis=0)
@@ -91,14 +88,16 @@ def _cleaned(film: Recording, part: Recording, found: Found, noise: float, trial
     inside = np.ix_(np.arange(n_frames)[frames], markers)
     xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
     residual = np.full((n_frames, n_markers), np.nan)
-    xyz[inside], cov[inside], residual[inside] = found.estimate.xyz_m, found.estimate.cov_m2, found.residual_px
+    own = found.own
+    xyz[inside], cov[inside], residual[inside] = found.xyz_m, found.cov_m2, own["residual_px"]
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
-    other = found.other if found.other > 0.05 else None  # rarer mirror images are not told of
+    other = float(own["mirror_image"])
     rays = np.full(film.ideal_px.shape[:3], noise)
-    own_findings = _told(other, int(found.unlike.sum()), found.wider[~found.unlike], trials=trials, loose=found.loose)
+    wider, loose = own["wider"][~own["unlike"]], bool(own["loose"])
+    told = _told(other if other > RARE else None, int(own["unlike"].sum()), wider, trials=trials, loose=loose)
     return written(
         film,
-        Cleaned(jitter_px=noise, told=tuple(own_findings)),
+        Cleaned(jitter_px=noise, told=tuple(told)),
         rejected={},
         position=xyz,
         covariance=cov,

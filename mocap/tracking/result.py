@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.filters.records import Limb
+from mocap.filters.limb_potential import Limb
 from mocap.filters.velocities import Motion, RatePoints
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import rate_points_for
@@ -18,7 +18,7 @@ from mocap.kinematics.records import Kinematics
 from mocap.recording import Recording
 from mocap.tracking.potentials import JointPotential, Potentials
 from mocap.tracking.report_part import Report
-from mocap.variables import VARIABLES, Values
+from mocap.variables import VARIABLES
 
 MOTION = {
     "point_position": "xyz_m",
@@ -32,19 +32,6 @@ MOTION = {
     "acceleration_covariance": "acceleration_cov",
 }
 """Variables of the fields of ``Motion``; the last two where a model has accelerations."""
-
-
-def limb_variables(limbs: Mapping[str, Limb]) -> dict[str, Values]:
-    """Potentials that held limbs, as variables; of the map and of pulls in single precision."""
-    most = max(len(limb["samples"]) for limb in limbs.values())
-    values: dict[str, Values] = {}
-    for name, one in VARIABLES.items():
-        if "limb" in one.dims:
-            parts = [limb[name.removeprefix("limb_")] for limb in limbs.values()]
-            if "sample" in one.dims:
-                parts = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=np.nan) for part in parts]
-            values[name] = np.stack(parts, axis=one.dims.index("limb"))
-    return {**values, **{name: values[name].astype(np.float32) for name in ("limb_value", "limb_pull")}}
 
 
 def motion_in(recording: Recording) -> Motion:

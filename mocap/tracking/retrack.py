@@ -10,12 +10,12 @@ from mocap.cameras import triangulate
 from mocap.cleaning.cleaned import Cleaned, written
 from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError
-from mocap.filters.models.registry import NAMED
+from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.reading.ideal_pixels import straightened, without_hand
 from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.skeleton import Skeleton
-from mocap.tracking.tracking import learn_motion, track, with_track
+from mocap.tracking.tracking import track, trial_set, with_track
 
 AROUND = 40
 """Frames on either side of an edit that are filtered again; on the built-in bat at 500 frames a second half of them, or
@@ -73,7 +73,7 @@ def tracked_again(
         raise MocapError(f"nothing is seen of {', '.join(names)} in the frames around: place it in two cameras")
     whole = of_points(marker_tracks(names, tracks.t_s, measured), bare, name=recording.name)
     whole = whole.with_part(Cleaned())
-    model = replace(learn_motion(whole, NAMED["constant_velocity"].settings), t_s=seen.t_s, rigid=None)
+    model = replace(MarkerSettings().fit(trial_set(whole)), t_s=seen.t_s, rigid=None)
     return window, with_track(of, of, "constant_velocity", track(of, model)).tracks
 
 

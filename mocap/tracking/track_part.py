@@ -1,6 +1,6 @@
 """Track a cleaned recording by the model that is asked for, or by the one that fills its hidden samples best."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from os import PathLike
 from pathlib import Path
@@ -11,12 +11,13 @@ from mocap.filters.bones import size_factor
 from mocap.filters.model import LearnedModel, filled_alone, for_recording, renamed
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.registry import NAMED
-from mocap.filters.motion.base import MotionModel
 from mocap.filters.score import Score
 from mocap.progress import Stages
+from mocap.reading.ideal_pixels import of_one_camera
 from mocap.recording import Recording
 from mocap.side_by_side import call_all
 from mocap.text import as_text
+from mocap.tracking.one_camera import NAME, track_one_camera
 from mocap.tracking.result import Result, rate_points
 from mocap.tracking.tracking import (
     each_alone,
@@ -31,8 +32,6 @@ from mocap.tracking.tracking import (
 )
 from mocap.tracking.two_rays import without_contradicted, worth_checking
 
-Watch = Callable[[Recording, Recording, MotionModel], None]
-"""Filters the seen part of a recording for somebody who watches."""
 MODELS = ("auto", "mixture", *NAMED)
 """What ``model`` may be called."""
 
@@ -64,7 +63,6 @@ def track_part(
     stages: Stages,
     validated: bool,
     seed: int = 0,
-    watch: Watch | None = None,
 ) -> tuple[Result, Recording, str, Mapping[str, Score]]:
     """Track a recording, as ``run_job`` does, without potentials and a report.
 
@@ -72,16 +70,16 @@ def track_part(
         The recording as it was tracked, with joints, and as it was cleaned; why it was tracked by that model; and how
         gaps that were hidden in it were filled.
     """
+    if of_one_camera(source):
+        with stages.stage("track one camera") as progress:
+            recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
+        return with_track(recording, part, NAME, smoothed), recording, why, {}
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):
         with stages.stage("check points of two rays"):
             recording = without_contradicted(recording, learned)
             part = seen_part(recording)
-    if watch is not None:
-        with stages.stage("filter live"):
-            alone = model if model in NAMED else "eal" if posed else each_alone(part)
-            watch(recording, part, learn_motion(part, NAMED[alone].settings).motion)
     mixing = learned is None and posed and model not in NAMED
     single = each_alone(part)
     beside = _compared(model, reason, single, mixing=mixing) if validated else None
@@ -105,7 +103,7 @@ def track_part(
             own = learn_motion(part, NAMED[name].settings)
         with stages.stage("track") as progress:
             smoothed = track(part, own, rate_points=rate_points(recording), progress=progress)
-    return with_track(recording, part, name, smoothed, own), recording, why, scores
+    return with_track(recording, part, name, smoothed), recording, why, scores
 
 
 def _prepared(

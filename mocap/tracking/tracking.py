@@ -17,20 +17,21 @@ from mocap.cleaning.positions import POSE_MARKERS, POSE_SHARE, shows_a_pose
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.model import LearnedModel, MixedTrack, track_alone, track_with
-from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.models.base import Fitted, TrajectoryModel, TrialSet
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.moving import Rates, rate_points_of
 from mocap.filters.observations import WHOLE, Observations, PixelObservations, PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
+from mocap.filters.track import forgotten
 from mocap.filters.velocities import Motion, RatePoints, without_rates
+from mocap.io.unstated_unit import length
 from mocap.joints import joint_variables
 from mocap.recording import Recording, of_points
-from mocap.records import MarkerTracks, Status, angle_names
+from mocap.records import MarkerTracks, Status, angle_names, unknown
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
-from mocap.tracking.result import Result, limb_variables, rate_points
+from mocap.tracking.result import Result, rate_points
 from mocap.variables import VARIABLES, Values
 
 Progress = Callable[[float], None]
@@ -109,7 +110,7 @@ def observations(recording: Recording, *, hidden: Mask | None = None) -> Observa
     )
 
 
-def learn_motion(part: Recording, settings: TrajectoryModel) -> FittedMotion:
+def learn_motion(part: Recording, settings: TrajectoryModel) -> Fitted:
     """A motion model learned from a recording alone."""
     return settings.fit(trial_set(part))
 
@@ -164,7 +165,7 @@ def track_mixed(
 
 def track(
     part: Recording,
-    model: FittedMotion,
+    model: Fitted,
     *,
     hidden: Mask | None = None,
     rate_points: RatePoints | None = None,
@@ -175,15 +176,13 @@ def track(
     return model.fill(observations(part, hidden=hidden), rate_points=points, progress=progress)
 
 
-def with_track(
-    recording: Recording, part: Recording, name: str, smoothed: Estimate, own: FittedMotion | None = None
-) -> Result:
+def with_track(recording: Recording, part: Recording, name: str, smoothed: Estimate) -> Result:
     """The recording with a part of it, smoothed, in place of what was cleaned, every sample with its status.
 
-    With joints, limbs that were held, and the joint angles that were the state of the model (``own``).
+    With joints, and what the model says of its own state: limbs that were held, joint angles.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
-    twentieth of the extent of all motion.
+    twentieth of the extent of all motion. What is too uncertain to use is left empty (``unknown_samples``).
     """
     n_frames, n_markers = recording.xyz_m.shape[:2]
     n_cameras = recording.uv_px.shape[0]
@@ -217,7 +216,9 @@ def with_track(
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
-    xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Status.MISSING
+    empty = unknown_samples(xyz, sd, origin, extent_m=extent)
+    xyz[vague | empty], cov[vague | empty] = np.nan, np.nan
+    origin[vague | (empty & (origin != Status.REJECTED))] = Status.MISSING
     rays, likelihood = {}, np.zeros(n_frames)
     likelihood[frames] = smoothed.log_likelihood
     if recording.cameras:
@@ -226,6 +227,7 @@ def with_track(
         position=xyz,
         covariance=cov,
         status=origin,
+        unknown=empty,
         nis=spread("nis", np.array([seen.nis for seen in smoothed.observed], dtype=float)),
         n_rows=spread("n_rows", np.array([seen.n_rows for seen in smoothed.observed], dtype=np.int64)),
         log_likelihood=likelihood,
@@ -236,18 +238,46 @@ def with_track(
     motion = motion_of(found.tracks, frames, smoothed.rates, rate_points(recording), left_m_s=left)
     found = _with_joints(found.with_motion(motion), whole_frames(recording))
     found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(recording.y_up)))
-    if smoothed.limbs:
-        limbs: dict[str, Any] = {name: spread(name, of) for name, of in limb_variables(smoothed.limbs).items()}
-        found = found.having({"limb": list(smoothed.limbs)}, **limbs)
-    if smoothed.angles is None or own is None or not isinstance(own.motion, ArticulatedMotion):
-        return found
-    angles = {"angle_rad": smoothed.angles[0], "angle_sd_rad": smoothed.angles[1]}
-    angles |= {} if smoothed.energies is None else {"energies": smoothed.energies}
-    values: dict[str, Any] = {name: spread(name, of) for name, of in angles.items()}
-    values |= {"segment_length": own.motion.length_m, "segment_length_sd": own.motion.length_sd_m}
-    ends = [(part.names[int(a)], part.names[int(b)]) for a, b in own.motion.ends]
-    names = angle_names(ends, np.bincount(own.motion.tree.joint, minlength=len(ends)).tolist())
-    return found.having({"angle": names, "segment": [f"{a} to {b}" for a, b in ends]}, **values)
+    own: dict[str, Any] = {name: spread(name, of) for name, of in smoothed.own.items() if name in VARIABLES}
+    return found.having(_named(smoothed.own, part.names), **own)
+
+
+def _named(own: Mapping[str, NDArray[Any]], names: Sequence[str]) -> dict[str, Sequence[str]]:
+    """Names of the limbs, joint angles and segments that a model says something of (``Estimate.own``)."""
+    found: dict[str, Sequence[str]] = {"limb": own["limb"].tolist()} if "limb" in own else {}
+    if "segment_ends" in own:
+        ends = [(names[int(a)], names[int(b)]) for a, b in own["segment_ends"]]
+        found["angle"] = angle_names(ends, own["freedoms"].tolist())
+        found["segment"] = [f"{a} to {b}" for a, b in ends]
+    return found
+
+
+def unknown_samples(xyz_m: Array, sd_m: Array, origin: NDArray[np.int8], *, extent_m: float) -> Mask:
+    """(T, M) filled samples of which nothing is known: their 95 % interval is as wide as the animal is long.
+
+    Or nothing at all was seen for longer than a motion is remembered (``mocap.filters.track.forgotten``).
+
+    What a gap adds is meant: the variance of a typical measured sample of the marker, in which are errors of
+    calibration and of one camera's depth that all samples share, is taken off. Of fewer markers than a pose has the
+    length of the animal is not known: there it is the extent of all that was seen.
+
+    Args:
+        xyz_m: (T, M, 3) positions of the track.
+        sd_m: (T, M) their standard deviations.
+        origin: (T, M) status of each.
+        extent_m: Of all motion.
+    """
+    measured = origin == Status.MEASURED
+    shown, posed = measured.any(axis=1), measured.any(axis=0).sum() >= POSE_MARKERS
+    if not shown.any():
+        return np.zeros(origin.shape, dtype=bool)
+    widest = length(xyz_m[shown]) if posed else extent_m
+    usual = np.array(
+        [np.median(of[where]) if where.any() else 0.0 for of, where in zip(sd_m.T, measured.T, strict=True)]
+    )
+    added = np.sqrt(np.maximum(sd_m**2 - usual**2, 0.0))
+    vague = unknown(added, widest) | forgotten(shown)[:, None]
+    return vague & ~measured & np.isfinite(xyz_m[..., 0])
 
 
 def _with_joints(recording: Result, frames: BodyFrames) -> Result:
@@ -266,6 +296,7 @@ def of_tracks(markers: MarkerTracks, skeleton: Skeleton, *, name: str, model: st
         n_rows=np.zeros(n_frames, dtype=np.int64),
         log_likelihood=np.zeros(n_frames),
         repaired=np.zeros(markers.status.shape, dtype=np.int8),
+        unknown=np.zeros(markers.status.shape, dtype=bool),
     )
     axes = BodyFrames(rotation=np.repeat(np.eye(3)[None], n_frames, axis=0), position_m=np.zeros((n_frames, 3)))
     found = _with_joints(found.with_motion(still(markers)), whole_frames(found) if markers.seen.any() else axes)

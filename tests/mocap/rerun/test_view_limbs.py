@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
+from mocap.filters.limb_potential import limb_values
 from readback import column, entities
 from test_view_pictures import loaded
 
@@ -14,7 +15,6 @@ from mocap.rerun.limbs import REACH, map_view, pull_view
 from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.record import make_layout, write_recording
 from mocap.results.stored import read_recording, write_arrays
-from mocap.tracking.result import limb_variables
 
 N, NAME = 20, "shoulder to elbow"
 
@@ -44,7 +44,7 @@ def run():
         "at_state": np.linspace(0, 0.5, N),
         "pull": pull,
     }
-    return base.having({"limb": [NAME]}, **limb_variables({NAME: limb}))
+    return base.having({"limb": [NAME]}, **limb_values({NAME: limb}))
 
 
 def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):

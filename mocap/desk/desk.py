@@ -146,6 +146,8 @@ class Desk:
             MocapError: there is none of that name.
         """
         if name not in self.trials:
+            self.take_in(wait=True)
+        if name not in self.trials:
             raise MocapError(f"there is no trial {name!r}: there are {', '.join(self.trials)}")
         return self.trials[name]
 
@@ -180,13 +182,16 @@ class Desk:
         told = {"trials": rows, "command": self.batch_command(), "out": str(self.out), "seen": seen}
         return told | {"looking": looking}
 
-    def take_in(self) -> None:
+    def take_in(self, *, wait: bool = False) -> None:
         """Take in what was found in the folders since; what was stated meanwhile stays.
+
+        Args:
+            wait: Until they have been looked through.
 
         Raises:
             MocapError: nothing was found, or it cannot be kept.
         """
-        if self.looked.done() and (found := {trial.name: trial for trial in self.looked.result()}):
+        if (wait or self.looked.done()) and (found := {trial.name: trial for trial in self.looked.result()}):
             self.keep(found | self.trials)
             self.looked = _known([])
 
@@ -272,7 +277,7 @@ class Desk:
 
     def track(self) -> str:
         """Begin to track what has not been tracked as it is now; ``progress`` tells how far it is."""
-        self.take_in()
+        self.take_in(wait=True)
         if self.progress()["running"]:
             return "it is being tracked"
         self.keep({name: self._as_edited(trial) for name, trial in self.trials.items()})  # with logs that came since
@@ -318,6 +323,7 @@ class Desk:
 
     def open(self, name: str) -> dict[str, Any]:
         """Open a trial that was tracked for proof-reading; a desk without trials has what was opened with it."""
+        self.take_in(wait=True)
         if not self.trials:
             return self.opened().info()
         trial = self.trial(name)

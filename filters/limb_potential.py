@@ -13,8 +13,11 @@ from scipy.spatial.distance import cdist
 
 from eal.arrays import Array
 
-Limb = Mapping[str, NDArray[Any]]
-"""What a potential said of a limb (``LimbKeeper.estimates``)."""
+HeldPotential = Mapping[str, NDArray[Any]]
+"""The V_z that held a limb in the filter, its kernel fixed by the model, and what it said (``LimbKeeper.estimates``).
+
+That of a joint which is shown has a chosen kernel (``mocap.tracking.potentials.JointPotential``).
+"""
 GRID = 60  # points along an edge of what is drawn
 OF_TIMES = ("state", "covariance", "at_state", "pull")
 """What is of every frame."""
@@ -80,7 +83,7 @@ class LimbKeeper:
         found = self.estimates()
         return {"limb": np.array(list(found)), **limb_values(found)}
 
-    def estimates(self) -> dict[str, Limb]:
+    def estimates(self) -> dict[str, HeldPotential]:
         """All limbs over all frames that were taken, each by the names of its root and its first joint.
 
         Coordinates are the two leading principal components of what V_z was learned from, the relative joint
@@ -136,7 +139,7 @@ def _grid(limb: PosePotential, samples: Array) -> tuple[Array, Array, Array]:
     return x, y, value.reshape(GRID, GRID)
 
 
-def limb_values(limbs: Mapping[str, Limb]) -> dict[str, NDArray[Any]]:
+def limb_values(limbs: Mapping[str, HeldPotential]) -> dict[str, NDArray[Any]]:
     """Limbs together: ``limb_...`` by what is said of each, one after the other, after times where it is of times.
 
     Samples are padded with NaN to the most; of the map and of pulls in single precision.

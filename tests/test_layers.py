@@ -112,6 +112,7 @@ ALLOWED = {
         "mocap/cleaning",
         "mocap/digitising",
         "mocap/io",
+        "mocap/kinematics",
         "mocap/proposing",
         "mocap/reading",
         "mocap/recording",

@@ -70,6 +70,7 @@ class Progress:
         total: All trials of this run that are not skipped.
         left_s: Estimate of the seconds left; None: too early to say.
         workers: What each worker is doing, by its name.
+        trials: What is done with each trial that is being tracked, by its name.
     """
 
     done: int
@@ -78,6 +79,7 @@ class Progress:
     total: int
     left_s: float | None
     workers: Mapping[str, str]
+    trials: Mapping[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -423,6 +425,7 @@ class _State:
                 total=len(self.todo),
                 left_s=left,
                 workers={f"worker {self.numbers[w]}": f"{t}: {stage}" for w, (t, stage) in self.doing.items()},
+                trials=dict(self.doing.values()),
             )
         )
 

@@ -47,6 +47,7 @@ def desk(
             jobs=jobs,
             limit_s=limit_s,
             arguments=recording_options.arguments(),
+            behind=True,
         ) as opened,
         served(desk_page(opened), port=port) as page,
         forwarded(page.address) as link,
@@ -56,5 +57,9 @@ def desk(
             "Who has this address can see the recordings and change the corrections: keep it to yourself.",
         )
         webbrowser.open(link)
+        looked = opened.looked
+        looked.add_done_callback(lambda done: page.end("there is nothing to open") if done.exception() else None)
         why = page.wait(idle_s=seconds(until_idle), works=lambda: bool(opened.progress()["running"]))
+        if looked.done() and not opened.trials:
+            looked.result()  # why there are none
         say(f"The desk ended ({why}); what was corrected and tracked is in {out}")

@@ -5,6 +5,7 @@ import shlex
 import signal
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -12,7 +13,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Lock
+from threading import Lock, Thread
 from time import monotonic
 from typing import Any
 
@@ -55,6 +56,8 @@ MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
 }
 """What can be done about a finding, by the argument of ``mocap.read`` that mends it: what a person reads, and the
 argument's value."""
+SHOWN = ("measured_percent", "rmse_mm", "fps", "mirrored")
+"""Columns of ``summary.csv`` that the table of trials has, too."""
 PASSED = {
     "report": "report.html, figures and tables",
     "xlsx": "tables for Excel",
@@ -80,6 +83,7 @@ class Desk:
         limit_s: Seconds that each may take; None: by the size of its files.
         proof: What is open in the room of videos: a trial that is proof-read, or videos that are digitised; None: none.
         draft: The skeleton that is drawn; None: none yet.
+        looked: The trials that are found in the folders, when they are; those of an earlier desk are there before.
     """
 
     out: Path
@@ -89,6 +93,7 @@ class Desk:
     limit_s: float | None = None
     proof: Proof | Session | None = None
     draft: Draft | None = None
+    looked: Future[list[Trial]] = field(default_factory=lambda: _known([]))
     _written: str = ""
     _facts: dict[str, TrialFacts] = field(default_factory=dict)
     _changes: Counter[str] = field(default_factory=Counter)
@@ -145,19 +150,22 @@ class Desk:
             MocapError: there is none of that name.
         """
         if name not in self.trials:
+            self.take_in(wait=True)
+        if name not in self.trials:
             raise MocapError(f"there is no trial {name!r}: there are {', '.join(self.trials)}")
         return self.trials[name]
 
     def overview(self) -> dict[str, Any]:
         """All trials, and how far each is."""
-        rows, told = [], self._told()
+        self.take_in()
+        rows, siblings = [], self._told()
         for trial in self.trials.values():
             record, log = read_record(self.out / trial.name), self.log(trial.name)
             current = None if trial.skip else earlier_record(self._as_edited(trial), self.options, self.out)
             status = "skipped" if trial.skip else "new" if record is None else record.status
             if status == "done" and current is None:
                 status = "changed"
-            of_others = told.get(trial.name, [])
+            of_others = siblings.get(trial.name, [])
             row = with_siblings(record or Record(trial=trial.name, status="done"), of_others).row
             edits, damaged = _number_of_edits(log)
             rows.append(
@@ -167,17 +175,31 @@ class Desk:
                     "status": status,
                     "error": in_options(damaged or trial.skip or ("" if record is None else record.error)),
                     "edits": edits,
-                    "warning": in_options(str(row.get("warning", ""))),
-                    "wrong": int(str(row.get("warnings") or 0)),
+                    "wrong": [in_options(text) for text in str(row.get("warning") or "").split(" | ") if text],
                     "unlike": in_options(str(row.get("unlike", ""))),
-                    "measured_percent": row.get("measured_percent"),
+                    **{name: row.get(name) for name in SHOWN},
                     "stated": {key: str(value) for key, value in trial.arguments.items() if key != "hints"},
                     "command": self.command(trial),
                     "passes": {kind: [label, self.passing(trial.name, kind)] for kind, label in PASSED.items()},
                 }
             )
         seen = {name: self.seen(name) for name in ("", *self.trials)}
-        return {"trials": rows, "command": self.batch_command(), "out": str(self.out), "seen": seen}
+        looking = not self.looked.done()
+        told = {"trials": rows, "command": self.batch_command(), "out": str(self.out), "seen": seen}
+        return told | {"looking": looking}
+
+    def take_in(self, *, wait: bool = False) -> None:
+        """Take in what was found in the folders since; what was stated meanwhile stays.
+
+        Args:
+            wait: Until they have been looked through.
+
+        Raises:
+            MocapError: nothing was found, or it cannot be kept.
+        """
+        if (wait or self.looked.done()) and (found := {trial.name: trial for trial in self.looked.result()}):
+            self.keep(found | self.trials)
+            self.looked = _known([])
 
     def command(self, trial: Trial) -> str:
         """The command that tracks a trial as the desk does."""
@@ -265,6 +287,7 @@ class Desk:
 
     def track(self) -> str:
         """Begin to track what has not been tracked as it is now; ``progress`` tells how far it is."""
+        self.take_in(wait=True)
         if self.progress()["running"]:
             return "it is being tracked"
         self.keep({name: self._as_edited(trial) for name, trial in self.trials.items()})  # with logs that came since
@@ -310,6 +333,7 @@ class Desk:
 
     def open(self, name: str) -> dict[str, Any]:
         """Open a trial that was tracked for proof-reading; a desk without trials has what was opened with it."""
+        self.take_in(wait=True)
         if not self.trials:
             return self.opened().info()
         trial = self.trial(name)
@@ -429,6 +453,13 @@ class Desk:
         return replace(trial, arguments={**trial.arguments, "edits": log})
 
 
+def _known(trials: list[Trial]) -> Future[list[Trial]]:
+    """Trials that need not be waited for."""
+    found: Future[list[Trial]] = Future()
+    found.set_result(trials)
+    return found
+
+
 def _number_of_edits(log: Path) -> tuple[int, str]:
     """How many corrections of a log stand, and what is wrong with it."""
     try:
@@ -479,14 +510,18 @@ def _plain(value: Any) -> str:
     )
 
 
+def _duration(seconds: float) -> str:
+    """As people say it."""
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+
+
 def _track(manifest: Path, out: Path, how: dict[str, Any], *, progress: Hear) -> str:
     """In a process of its own: track, and tell how far it is; what came of it."""
 
     def tell(done: Any) -> None:
-        doing = "; ".join(does for _, does in sorted(done.workers.items()))
-        left = "" if done.left_s is None else f", about {done.left_s:.0f} s left"
-        status = f"{done.done} of {done.total} done{left}" + (f": {doing}" if doing else "")
-        progress({"said": status, "done": done.done, "total": done.total})
+        left = "" if done.left_s is None else f", about {_duration(done.left_s)} left"
+        status = f"{done.done} of {done.total} done{left}"
+        progress({"said": status, "done": done.done, "total": done.total, "doing": dict(done.trials)})
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -506,8 +541,18 @@ def opened_desk(
     jobs: int = 2,
     limit_s: float | None = None,
     arguments: Mapping[str, Any] | None = None,
+    behind: bool = False,
 ) -> Iterator[Desk]:
     """A desk of a folder's trials, which goes on where an earlier one on the same results ended.
+
+    Args:
+        sources: Folders, files, patterns.
+        out: Results.
+        options: How trials are tracked.
+        jobs: How many at a time.
+        limit_s: Seconds that each may take.
+        arguments: Of ``mocap.read``, for all.
+        behind: Whether it is open before the folders are looked through (``Desk.looked``).
 
     Raises:
         MocapError: there is no trial, or another desk works in ``out``.
@@ -516,14 +561,25 @@ def opened_desk(
     with occupied(out / "edits", "a desk"):
         written = digest(out / PLAN) if (out / PLAN).is_file() else ""
         before = {trial.name: trial for trial in read_manifest(out / PLAN)} if written else {}
-        with opened(jobs, preload=PRELOAD) as pool:
-            looked = find_trials(list(sources), arguments=arguments, out=out, pool=pool, limit_s=limit_s)
-        found = {trial.name: trial for trial in looked}
-        desk = Desk(out=out, trials=before, options=options, jobs=jobs, limit_s=limit_s)
+        desk = Desk(out=out, trials=before, options=options, jobs=jobs, limit_s=limit_s, looked=Future())
         if written:  # also where a person corrected it: what it states is read, and goes on
             taken_over(out / PLAN, written)
             desk._written = written
-        desk.keep(found | before)
+
+        def look() -> None:
+            try:
+                with opened(jobs, preload=PRELOAD) as pool:
+                    found = find_trials(list(sources), arguments=arguments, out=out, pool=pool, limit_s=limit_s)
+            except BaseException as error:  # whoever asks for the trials is told
+                desk.looked.set_exception(error)
+            else:
+                desk.looked.set_result(found)
+
+        if behind:
+            Thread(target=look, daemon=True).start()
+        else:
+            look()
+            desk.take_in()
         try:
             yield desk
         finally:

@@ -239,14 +239,17 @@ def _own(given: _Writes) -> dict[str, Any]:
     return {name: value for name, value in given if name not in ("trial", "edits")}
 
 
+SCRIPTS = ("uPlot.iife.min.js", "views.js", "trials.js", "angles.js")
+"""In this order before the page's own; the first is uPlot 1.6.32 (MIT), as its authors publish it."""
+SHEETS = ("uPlot.min.css", "desk.css")
+
+
 def _shell() -> Route:
-    """The page itself, whose one script begins with that of images (``views.js``), and alone runs."""
+    """The page itself with all of its style and its one script, which alone runs: nothing is loaded from elsewhere."""
     room = files("mocap.desk")
-    html = (
-        room.joinpath("desk.html")
-        .read_bytes()
-        .replace(b"<script>", b"<script>" + room.joinpath("views.js").read_bytes())
-    )
+    html = room.joinpath("desk.html").read_bytes()
+    for mark, names in ((b"<style>", SHEETS), (b"<script>", SCRIPTS)):
+        html = html.replace(mark, mark + b"\n".join(room.joinpath(name).read_bytes() for name in names), 1)
     script = html.partition(b"<script>")[2].partition(b"</script>")[0]
     headers = {"Content-Security-Policy": _POLICY.format(b64encode(sha256(script).digest()).decode())}
     return Route("/", lambda _: Response(html, media_type="text/html", headers=headers))

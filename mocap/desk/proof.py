@@ -21,13 +21,15 @@ from mocap.cleaning.by_hand import errors_left, with_hand
 from mocap.cleaning.cleaning import clean
 from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
 from mocap.errors import MocapError
+from mocap.kinematics.records import Rests
 from mocap.reading.decided import decided
 from mocap.reading.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
 from mocap.reading.ideal_pixels import of_one_camera, straightened
 from mocap.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
-from mocap.sides import words
+from mocap.sides import side_of, without_side, words
+from mocap.skeleton import Bone
 from mocap.tracking.joint_map import map_picture
 from mocap.tracking.potentials import JointPotential
 from mocap.tracking.retrack import AROUND, tracked_again
@@ -148,11 +150,31 @@ class Proof(Pictures):
             "cameras": list(self.raw.camera_names),
             "sizes": self.sizes_px,
             "films": self.videos is not None,
+            "bones": [ends for bone in self.raw.skeleton.bones if (ends := self._ends(bone)) is not None],
             "n_frames": len(self.raw.t_s),
             "fps": self.raw.fps,
-            "quantities": [] if self.result.plane is not None else list(self.result.kinematics),
-            "potentials": [] if self.result.plane is not None else list(self.result.potentials),
+            "quantities": [] if self.result.plane is not None else self._quantities(),
+            "potentials": []
+            if self.result.plane is not None
+            else [[one, words(one)] for one in self.result.potentials],
         }
+
+    def _ends(self, bone: Bone) -> tuple[int, int] | None:
+        """The numbers of a bone's markers; None: one was not recorded."""
+        names = self.raw.names
+        return (names.index(bone.a), names.index(bone.b)) if {bone.a, bone.b} <= set(names) else None
+
+    def _quantities(self) -> list[dict[str, str]]:
+        """What can be plotted: its column, what people call it, that without its side, its unit and what it is of."""
+        out = []
+        for name in self.result.kinematics:
+            found = self.result.kinematics[name]
+            short = name.removesuffix(f"_{found.unit}")
+            unit = found.unit.replace("deg", "°").replace("_s2", "/s²").replace("_s", "/s").replace("2", "²")
+            either = without_side(short).replace("_", " ")
+            one = {"name": name, "title": words(short), "either": either, "side": side_of(short)}
+            out.append({**one, "unit": unit, "kind": found.kind})
+        return out
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
         """What is drawn over the images of a frame, and what is known of the marker there."""
@@ -352,7 +374,7 @@ class Proof(Pictures):
     def curve(self, name: str, points: int = 2000) -> dict[str, Any]:
         """A quantity over time with its 95 % interval, of a long recording at so many frames, and the cycles.
 
-        Cycles are first and last frames, by what they are of.
+        Cycles are from when to when (s), by what they are of.
 
         Raises:
             MocapError: there is none of that name.
@@ -363,14 +385,14 @@ class Proof(Pictures):
         def numbers(values: Array) -> list[float | None]:
             return [None if np.isnan(x) else round(float(x), 5) for x in values[frames]]
 
-        cycles: dict[str, list[list[int]]] = {}
+        cycles: dict[str, list[list[float]]] = {}
         table = self.result.cycles
         for kind, of, start_s, end_s in zip(*(table[name] for name in ("kind", "of", "start_s", "end_s")), strict=True):
-            ends = np.searchsorted(self.raw.t_s, [start_s, end_s])
-            cycles.setdefault(f"{kind} {of}".replace("_", " "), []).append(ends.tolist())
+            cycles.setdefault(f"{words(of)}, {kind}".replace("_", " "), []).append([float(start_s), float(end_s)])
         return {
-            "unit": found.unit,
             "frames": frames.tolist(),
+            "seconds": numbers(self.raw.t_s),
+            "filled": (found.rests == Rests.FILLED)[frames].tolist(),
             "value": numbers(found.value),
             "low": numbers(found.low),
             "high": numbers(found.high),

@@ -29,6 +29,8 @@ async function post(path, trial, data) {
 function queued(work) { busy = busy.then(work).catch(e => { $("said").textContent = String(e); }); return busy; }
 function make(kind, text, more) { return Object.assign(document.createElement(kind), { textContent: text }, more); }
 
+// a number to two digits, as people write it: 130, 13, 1.3
+const twoDigits = x => String(Number(x.toPrecision(2)));
 // whose pictures and numbers a page asks for
 const ofTrial = () => `&trial=${encodeURIComponent(info.trial)}`;
 // a camera's picture; `on` is told of presses, clicks and where the mouse is
@@ -72,7 +74,7 @@ async function loadPictures(frame) {
   }));
 }
 // a picture with the marks of all markers: { click, dot, ellipse, edited }, and the lines of one of them
-function drawView(v, marks, lines, marker) {
+function drawView(v, marks, lines, marker, names, bones) {
   const k = v.canvas, g = k.getContext("2d");
   k.width = k.clientWidth; k.height = k.clientHeight;
   const s = scale(v);
@@ -81,6 +83,17 @@ function drawView(v, marks, lines, marker) {
   if (v.image) g.drawImage(v.image, 0, 0);
   g.translate(-0.5, -0.5);  // the centre of the first pixel is at (1, 1), its corner at (0.5, 0.5)
   g.lineWidth = 1 / s;
+  const at = m => m && (m.click || m.dot || m.ellipse);
+  g.strokeStyle = "#9ab8"; (bones || []).forEach(([a, b]) => {
+    const from = at(marks[a]), to = at(marks[b]);
+    if (from && to) { g.beginPath(); g.moveTo(from[0], from[1]); g.lineTo(to[0], to[1]); g.stroke(); }
+  });
+  g.font = `${12 / s}px system-ui`; g.shadowColor = "#000"; g.shadowBlur = 3;
+  (names || []).forEach((name, i) => {
+    const p = at(marks[i]); if (!p) return;
+    g.fillStyle = i === marker ? "#fc6" : "#ccca"; g.fillText(name, p[0] + 9 / s, p[1] - 7 / s);
+  });
+  g.shadowBlur = 0;
   marks.forEach((m, i) => {
     const mine = i === marker, r = 6 / s;
     g.strokeStyle = mine ? "#fc6" : m.edited ? "#6f9" : "#6cf";

@@ -24,6 +24,7 @@ from mocap.reading.decided import decided
 from mocap.recording import Recording
 from mocap.records import Status
 from mocap.report.summary import METHODS, method, notes, unit_of
+from mocap.sides import words
 from mocap.text import number_of, plain
 from mocap.tracking.model_choice import ModelChoice
 from mocap.tracking.one_camera import NAME as ONE_CAMERA
@@ -177,6 +178,7 @@ def make_report(
             "gaps": _by_length(validation.get(tracked.model), numbers["gap_samples"]),
         },
         "joints": {name: _joint(p) for name, p in potentials.items()},
+        "held_limbs": list(tracked.limbs),
         "articulation": {
             "joints": [_articulation(joint) for joint in articulated],
             "undetermined": undetermined(articulated),
@@ -312,6 +314,18 @@ def _articulation(joint: Articulation) -> dict[str, object]:
     }
 
 
+def _held_lines(limbs: Sequence[str]) -> list[str]:
+    """Which V_z is which, where both are there."""
+    if not limbs:
+        return []
+    names = ", ".join(plain(words(name)) for name in limbs)
+    return [
+        "",
+        "These are shown, each with the kernel chosen for it. Another V_z, with the model's fixed kernel, held "
+        f"{names} in the filter: in the viewer the tabs of a joint switch between *Map* and *Held in the filter*.",
+    ]
+
+
 def _articulation_lines(found: Mapping) -> list[str]:
     """A line a joint of the articulated animal, and what of it the samples do not determine."""
     if not found["joints"]:
@@ -430,6 +444,7 @@ def readable(report: Mapping, *, title: str) -> str:
             "",
             "Metric, kernel, lambda and weight are those under which parts of the recording that were left out are "
             "likeliest: 1 - V_z over its integral is their density, with the weight (1 - V_z)^weight.",
+            *_held_lines(report.get("held_limbs", ())),
         ]
     lines += _articulation_lines(report.get("articulation", {"joints": []}))
     if table := residual_lines(report.get("residual_px_by_camera", {})):

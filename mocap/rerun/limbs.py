@@ -5,7 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.arrays import Array
-from mocap.filters.limb_potential import Limb
+from mocap.filters.limb_potential import HeldPotential
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, series_view
 from mocap.rerun.columns import log_over_time, single, ui
@@ -13,6 +13,7 @@ from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.over_plane import FLIP, log_moving, log_picture, plane_view
 from mocap.rerun.scene_views import eye, world_view
+from mocap.sides import words
 from mocap.tracking.result import Result
 
 REACH = 0.35
@@ -53,13 +54,20 @@ def limb_tab(layout: Layout, name: str) -> rrb.Container:
             row_shares=[3, 1],
         ),
         pull_view(layout, name),
-        name=f"Limb {name}",
+        name=f"Held in the filter: {words(name)}",
     )
+
+
+def limbs_of(layout: Layout, joint: str) -> list[str]:
+    """The limbs that were held and move at a joint: its centre and child are markers of theirs."""
+    run = layout.run
+    ends = next(({j.centre, j.child} for j in run.skeleton.joints if j.name == joint), set())
+    return [name for name, limb in run.limbs.items() if ends and ends <= {run.names[m] for m in limb["marker"]}]
 
 
 def map_view(layout: Layout, name: str) -> rrb.View:
     """The potential in its two leading coordinates, from above."""
-    title = f"{name}: V_z of the filter, state and {ELLIPSOID_SD:g} sd"
+    title = f"{words(name)}: V_z that held it in the filter (fixed kernel), state and {ELLIPSOID_SD:g} sd"
     limb = layout.run.limbs[name]
     return plane_view(f"{paths.child(paths.LIMBS, name)}/map", title, limb["x"], limb["y"], layout.trail_frames)
 
@@ -77,7 +85,7 @@ def pull_view(layout: Layout, name: str) -> rrb.View:
     )
 
 
-def ellipses(limb: Limb) -> Array:
+def ellipses(limb: HeldPotential) -> Array:
     """(T, P, 2) outlines of ``ELLIPSOID_SD`` standard deviations round the state; NaN where it is not known."""
     angle = np.linspace(0.0, 2.0 * np.pi, 33)
     circle = ELLIPSOID_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.filters.limb_potential import Limb
+from mocap.filters.limb_potential import HeldPotential
 from mocap.filters.velocities import Motion, RatePoints
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import rate_points_for
@@ -132,7 +132,7 @@ class Result(Recording):
         return dict(zip(self.data["joint"].values.tolist(), coordinates, strict=True))
 
     @property
-    def limbs(self) -> dict[str, Limb]:
+    def limbs(self) -> dict[str, HeldPotential]:
         """What potentials said of limbs that they held: the variables ``limb_...`` of each, of its own samples.
 
         ``marker`` is (J,) its markers along the limb, ``pull`` (T, J, 3) on these.

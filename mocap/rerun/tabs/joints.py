@@ -10,7 +10,7 @@ from mocap.rerun.blueprint import log_line, rows, series_view
 from mocap.rerun.columns import Single, log_over_time, single, ui
 from mocap.rerun.landscape import MM_PER_M, Block, JointEnergy, Landscape
 from mocap.rerun.layout import Layout
-from mocap.rerun.limbs import limb_tab, log_limbs
+from mocap.rerun.limbs import limb_tab, limbs_of, log_limbs
 from mocap.rerun.over_plane import FLIP, log_map, log_moving, log_surface, plane_view
 from mocap.rerun.scene_views import eye, last_frames, scene_view
 from mocap.sides import by_side, words
@@ -61,7 +61,8 @@ def tab(layout: Layout) -> rrb.Container | None:
     others = [name for name in layout.joint_frames if name not in layout.landscapes]
     if others:
         parts.append(rows([coordinates_view(layout, name) for name in others], name="Other joints"))
-    parts += [limb_tab(layout, name) for name in layout.run.limbs]
+    shown = {limb for name in layout.landscapes for limb in limbs_of(layout, name)}
+    parts += [limb_tab(layout, name) for name in layout.run.limbs if name not in shown]
     return rrb.Tabs(*parts, active_tab=0, name="Joints and potentials")
 
 
@@ -90,7 +91,9 @@ def joint(layout: Layout, name: str) -> rrb.Container:
         row_shares=[3, 2],
         name="Expert",
     )
-    return rrb.Tabs(person, expert, active_tab=0, name=words(name))
+    # the V_z of the map is chosen and shown; those that held the limb while it was tracked are fixed, and another kind
+    held = [limb_tab(layout, limb) for limb in limbs_of(layout, name)]
+    return rrb.Tabs(person, *held, expert, active_tab=0, name=words(name))
 
 
 def heat_map_view(layout: Layout, name: str) -> rrb.View:

@@ -409,14 +409,18 @@ def test_a_person_sees_angles_and_goes_to_a_frame(worked, driver):
     assert driver.find_element("id", "command").text.startswith("mocap kinematics ")
     driver.execute_script("const j = $('joint'); j.value = 'wrist'; j.onchange({ target: j });")
     until(driver, "$('potential').complete && $('potential').naturalWidth")
-    assert driver.execute_script("return $('potential').naturalWidth") == 840
+    assert driver.execute_script("return $('potential').naturalWidth") == 1000
+    until(driver, "document.body.dataset.mapped === '1'")
     driver.execute_script("const j = $('joint'); j.value = ''; j.onchange({ target: j });")
-    canvas = driver.find_element("id", "curve")
-    middle = ActionChains(driver).move_to_element_with_offset(canvas, 0, 0)
-    middle.click().perform()
+    until(driver, "charts.length === 1")
+    assert driver.find_element("css selector", "#quantities input:checked")
+    middle = driver.find_element("css selector", "#charts .u-over")
+    ActionChains(driver).move_to_element_with_offset(middle, 0, 0).click().perform()
+    until(driver, "document.body.dataset.pointed === '1'")
+    low, high = driver.execute_script("return [charts[0].scales.x.min, charts[0].scales.x.max]")
+    assert abs(driver.execute_script("return frame") - FPS * (low + high) / 2) <= 2
+    driver.find_element("id", "images").click()
     until(driver, "document.body.dataset.room === 'proof'")
-    wide = canvas.size["width"] or driver.execute_script("return $('curve').width")
-    until(driver, f"Math.abs(frame - {(wide / 2 - 60) / (wide - 80) * 59}) <= 1")
 
 
 def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):

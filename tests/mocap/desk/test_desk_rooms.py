@@ -97,6 +97,10 @@ def desk(data, out, told):
             assert process.poll() is None, told.read_text()
             assert time.monotonic() < end, told.read_text()
             time.sleep(0.1)
+        with client(found[0]) as browser:
+            while browser.get("overview").json()["looking"]:  # it is there before the folders are looked through
+                assert time.monotonic() < end, told.read_text()
+                time.sleep(0.1)
         yield Room(process, found[0], out, told)
     finally:
         process.kill()

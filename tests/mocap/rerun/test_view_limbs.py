@@ -11,9 +11,10 @@ from readback import column, entities
 from test_view_pictures import loaded
 
 from mocap.rerun import palette, paths
-from mocap.rerun.limbs import REACH, map_view, pull_view
+from mocap.rerun.limbs import REACH, limbs_of, map_view, pull_view
 from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.record import make_layout, write_recording
+from mocap.rerun.tabs import joints
 from mocap.results.stored import read_recording, write_arrays
 
 N, NAME = 20, "shoulder to elbow"
@@ -45,6 +46,21 @@ def run():
         "pull": pull,
     }
     return base.having({"limb": [NAME]}, **limb_values({NAME: limb}))
+
+
+def test_a_joint_switches_between_what_is_shown_and_what_held_it(run):
+    """The joint whose centre and child the limb has gets its view beside the map; no other does, nor twice."""
+    base = make_run(n_frames=N, n_cameras=2, n_joints=3)
+    joint, other, *_ = base.skeleton.joints
+    place = np.full(len(base.names), -1)
+    place[[base.names.index(joint.centre), base.names.index(joint.child)]] = 0, 1
+    held = {**run.limbs[NAME], "marker": place, "pull": np.zeros((N, len(base.names), 3))}
+    layout = make_layout(base.having({"limb": [NAME]}, **limb_values({NAME: held})))
+    assert [limbs_of(layout, one.name) for one in (joint, other)] == [[NAME], []]
+    tabs = [one.name for one in joints.joint(layout, joint.name).contents]
+    assert tabs == ["Map", f"Held in the filter: {NAME}", "Expert"]
+    assert [one.name for one in joints.joint(layout, other.name).contents] == ["Map", "Expert"]
+    assert not [one for one in joints.tab(layout).contents if NAME in str(one.name)]
 
 
 def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):

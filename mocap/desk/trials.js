@@ -1,0 +1,141 @@
+// the table of trials and what is beside it; this file owns what is chosen, sorted and filtered
+let trials = [], chosen = "", order = { of: "name", down: false }, doing = {}, audited = {}, waits = 0;
+const COLUMNS = [  // title, of a trial, width, class
+  { of: "name", title: "Trial", value: t => t.name, width: 190 },
+  { of: "state", title: "State", value: t => doing[t.name] || t.status, width: 92 },
+  { of: "wrong", title: "What is wrong, worst first", value: t => wrongs(t).join("\n"), weight: t => -wrongs(t).length },
+  { of: "measured_percent", title: "Measured", value: t => digits(t.measured_percent, " %", 1), width: 86, number: true },
+  { of: "rmse_mm", title: "Gap error", value: t => digits(t.rmse_mm, " mm", 2), width: 86, number: true },
+  { of: "fps", title: "Rate", value: t => digits(t.fps, " Hz", 0), width: 70, number: true, slim: true },
+  { of: "mirrored", title: "Mirrored", value: t => t.mirrored || "", width: 76, slim: true },
+  { of: "edits", title: "Corr.", value: t => t.edits || "", width: 56, number: true, slim: true },
+];
+const wrongs = t => t.error ? [t.error, ...t.wrong] : t.wrong;
+const digits = (x, unit, n) => typeof x === "number" ? x.toFixed(n) + unit : "";
+const weight = (column, t) => column.weight ? column.weight(t) : typeof t[column.of] === "number" ? t[column.of] : column.value(t);
+
+async function overview() {
+  const all = await get("overview");
+  trials = all.trials; commands = { trials: all.command }; same("trials"); work = all.out;
+  // of what this page shows in another room it has seen what it shows there
+  for (const [name, n] of Object.entries(all.seen)) if (![info, drawn].some(one => one && one.trial === name)) seen[name] = n;
+  if (!trials.some(t => t.name === chosen)) chosen = trials.length ? trials[0].name : "";
+  table(); details(); count("overviews");
+  $("track").disabled = all.looking || !trials.length;
+  if (all.looking) {
+    $("progress").textContent = `looking through the folders for trials ... ${waits++} s`;
+    setTimeout(() => queued(overview), 1000);
+  } else if (waits) { waits = 0; $("progress").textContent = ""; }
+  return all;
+}
+// the rows that the filter leaves, in order
+function shownTrials() {
+  const column = COLUMNS.find(c => c.of === order.of), sign = order.down ? -1 : 1, text = $("filter").value.toLowerCase();
+  const left = trials.filter(t => COLUMNS.some(c => String(c.value(t)).toLowerCase().includes(text)));
+  const compare = (a, b) => {
+    const [x, y] = [weight(column, a), weight(column, b)], none = v => v === "" || v === null || v === undefined;
+    if (none(x) || none(y)) return none(x) - none(y);  // what is not known comes last
+    return sign * (typeof x === "number" && typeof y === "number" ? x - y : String(x).localeCompare(String(y), undefined, { numeric: true }));
+  };
+  return left.sort(compare);
+}
+function table() {
+  const columns = COLUMNS.filter(c => c.of !== "mirrored" || trials.some(t => t.mirrored));
+  const look = c => [c.number ? "number" : "", c.slim ? "slim" : ""].filter(Boolean).join(" ");
+  $("titles").replaceChildren(...columns.map(c => {
+    const th = make("th", "", { className: look(c), scope: "col" }), now = order.of === c.of;
+    if (c.width) th.style.width = c.width + "px";
+    th.setAttribute("aria-sort", now ? (order.down ? "descending" : "ascending") : "none");
+    th.append(make("button", c.title + (now ? (order.down ? " ▾" : " ▴") : ""), { onclick: () => {
+      order = { of: c.of, down: now && !order.down }; table(); $("titles").querySelectorAll("button")[columns.indexOf(c)].focus(); } }));
+    return th;
+  }));
+  const rows = shownTrials();
+  $("rows").replaceChildren(...rows.map(t => {
+    const row = make("tr", "", { className: t.name === chosen ? "now" : "", onclick: () => pickTrial(t.name) });
+    row.append(...columns.map(c => {
+      const text = String(c.value(t)), cell = make("td", "", { className: look(c), title: text });
+      if (c.of === "name") {
+        const pick = make("button", shortened(text), { className: "name" });
+        pick.setAttribute("aria-current", t.name === chosen ? "true" : "false");
+        cell.append(pick);
+      } else if (c.of === "wrong") { const [first, ...more] = wrongs(t); cell.textContent = first ? first + (more.length ? ` (+${more.length})` : "") : ""; }
+      else cell.textContent = text;
+      if (c.of === "state") cell.classList.add(t.status);
+      return cell;
+    }));
+    return row;
+  }));
+  $("howmany").textContent = rows.length === trials.length ? `${trials.length} trials` : `${rows.length} of ${trials.length}`;
+}
+// a long name loses its middle: trials of one day begin alike
+function shortened(name) { return name.length > 24 ? name.slice(0, 8) + "…" + name.slice(-14) : name; }
+function pickTrial(name) {
+  const focused = document.activeElement && document.activeElement.className === "name";
+  chosen = name; table(); details(); same("trials", trials.find(t => t.name === name).command);
+  if (focused) [...document.querySelectorAll("#rows .name")].find(b => b.closest("tr").className === "now").focus();
+}
+function details() {
+  const t = trials.find(x => x.name === chosen);
+  $("details").hidden = !t;
+  if (!t) return;
+  $("whose").textContent = t.name;
+  $("files").textContent = t.files.filter(file => !file.startsWith(t.name + ".")).join(", ");
+  const look = make("button", "Check files", { className: "look", onclick: () => queued(() => audit(t)) });
+  const bones = make("button", "Skeleton", { className: "bones", onclick: () => queued(() => sketch(t.name)) });
+  const proof = make("button", "Proof-read", { className: "read", onclick: () => queued(() => read(t)), disabled: !["done", "changed"].includes(t.status) });
+  const skip = make("button", t.status === "skipped" ? "Take in" : "Leave out", { className: "skip", onclick: () => queued(async () => {
+    await post("state", t.name, { name: "skip", value: t.status === "skipped" ? "" : "left out by hand" }); await overview(); }) });
+  const kinds = make("select", "", { className: "kinds" });
+  kinds.setAttribute("aria-label", "what the result is passed on as");
+  for (const [kind, [said]] of Object.entries(t.passes)) kinds.append(make("option", said, { value: kind }));
+  kinds.onchange = () => same("trials", t.passes[kinds.value][1]);
+  const pass = make("button", "Pass on as", { className: "pass", disabled: t.status !== "done", onclick: () => queued(async () => {
+    same("trials", t.passes[kinds.value][1]); $("said").textContent = "writing ...";
+    await post("pass", t.name, { kind: kinds.value }); count("passed"); }) });
+  $("actions").replaceChildren(look, bones, proof, skip, pass, kinds);
+  const found = audited[t.name];
+  $("findings").replaceChildren(...found ? found.map(f => finding(t, f)) : wrongs(t).map(text => make("p", text)));
+  if (!found && !wrongs(t).length) $("findings").append(make("p", t.status === "new" ? "Not tracked yet." : "Nothing is wrong.", { className: "quiet" }));
+}
+function finding(t, f) {
+  const p = make("p", ""), mark = make("b", (f.open ? "left open, " : "") + f.kind + ": ");
+  if (f.alarm) mark.className = "alarm";
+  p.append(mark, f.text + " ");
+  for (const m of f.mend) p.append(make("button", m.said, { className: "mend", onclick: () => queued(async () => {
+    await post("state", t.name, { name: m.name, value: m.value }); await overview(); await audit(t); }) }));
+  return p;
+}
+// what is found in the files of a trial, worst first, with what can be done
+async function audit(t) {
+  $("said").textContent = `checking ${t.name} ...`;
+  const found = await get("audit?trial=" + encodeURIComponent(t.name)), wrong = found.filter(f => f.alarm).length;
+  $("said").textContent = `${t.name}: ${wrong ? wrong + " to be looked at" : "nothing is wrong" + (found.some(f => f.open) ? ", as far as is known" : "")}`;
+  audited = { [t.name]: found };
+  pickTrial(t.name); count("audits");
+}
+// a trial that cannot be opened, as its corrections are of another recording, is shown with what can be done
+async function read(t) {
+  try { await open(t.name); } catch (said) { if (!document.body.dataset.ended) { await audit(t); } throw said; }
+}
+async function track() { await post("track", "", {}); follow(); }
+function follow() {
+  $("stop").disabled = false; $("track").disabled = true;
+  queued(async () => {
+    const p = await get("progress"), before = $("done").dataset.n;
+    $("progress").textContent = p.said || ""; $("done").value = p.total ? p.done / p.total : 0; $("done").dataset.n = p.done || 0;
+    doing = p.running ? p.doing || {} : {};
+    if (p.running) { if (before !== $("done").dataset.n) await overview(); else table(); setTimeout(follow, 500); return; }
+    $("stop").disabled = true; $("track").disabled = false; audited = {};
+    await overview(); count("tracked");
+  });
+}
+// the row above or below, by keys
+function stepTrial(by) {
+  const names = shownTrials().map(t => t.name), i = Math.max(0, Math.min(names.length - 1, names.indexOf(chosen) + by));
+  if (!names.length) return;
+  pickTrial(names[i]);
+  const row = document.querySelector("#rows tr.now"); if (row) { row.querySelector(".name").focus(); row.scrollIntoView({ block: "nearest" }); }
+}
+$("filter").oninput = table;
+$("table").onkeydown = e => { const by = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10 }[e.key]; if (by) { e.preventDefault(); stepTrial(by); } };

@@ -1,7 +1,7 @@
 """Theorems 1, 2 and 3 of the EAL paper, as printed and as they follow from their proofs.
 
 gap is lambda_M - lambda_(M+1), eta the accuracy wanted of sup |V_j - V_z|, N the number of independent samples.
-``docs/experiments/errata.md`` derives each correction. T_z is the mean of N rank-one operators of norm 1.
+``docs/paper/errata.md`` derives each correction. T_z is the mean of N rank-one operators of norm 1.
 """
 
 from typing import Literal, get_args

@@ -12,17 +12,19 @@ import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.registry import NAMED
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 
 from docs.tools import columns, commands, html, licences
 from docs.tools.made import PAGES
 from eal import fit_potential
-from mocap.cli.help import ROOMS, topics
 from mocap.cli.table import ENTRIES
 from mocap.errors import FormatError, MocapError
+from mocap.findings import Harm, Kind
 from mocap.io.format import Hints, head
 from mocap.io.registry import read_as
+from mocap.manual import ROOMS, SYMPTOMS, topics, what_to_do
 from mocap.trouble import INSTALLING
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -130,6 +132,15 @@ def test_errors_name_pages_that_are_there(mocap, tmp_path):
     assert topics().keys() | {None} >= {entry.page for entry in ENTRIES.values()}
 
 
+@pytest.mark.parametrize("kind", [kind for kind in Kind if kind.harm is not Harm.NOTHING])
+def test_the_manual_says_what_to_do_about_every_kind_of_alarm(kind):
+    """The entry is on the page, names no page that a report cannot reach, and is one entry's alone."""
+    assert sum(kind in kinds for kinds in SYMPTOMS.values()) == 1
+    title, text = what_to_do(kind)
+    assert f"**{title}**" in " ".join(topics()["troubleshooting"].split())
+    assert ".md" not in text
+
+
 def test_pages_are_read_without_the_site(mocap):
     """Each by its name, without what only the site can show; names are told apart; a wrong one is refused."""
     pages = [path for room in ROOMS for path in (ROOT / "docs" / room).glob("*.md")]
@@ -178,11 +189,26 @@ def test_the_pages_can_be_read():
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= WORDS
 
 
+EXPERIMENTS = 15_000
+"""Words of all pages of ``docs/experiments/``: one table a decision; the rest is in the history."""
+
+
+def test_the_diary_is_short_and_all_of_it_is_linked():
+    """Pages of at most 1000 words, each named by the list of them."""
+    folder = ROOT / "docs" / "experiments"
+    words = {page.name: len(page.read_text(encoding="utf-8").split()) for page in folder.glob("*.md")}
+    assert sum(words.values()) <= EXPERIMENTS
+    assert max(words.values()) <= 1000
+    linked = set(re.findall(r"\]\((\w+\.md)\)", (folder / "README.md").read_text(encoding="utf-8")))
+    assert words.keys() - {"README.md"} == linked
+
+
 def test_the_version_is_one():
     """That of ``pyproject.toml``; ``CITATION.cff`` repeats it, and the changelog has a section of it."""
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert f"\nversion: {stated}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\n## {stated}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f'version: "{stated}"' in (ROOT / "docs" / "releasing" / "recipe.yaml").read_text(encoding="utf-8")
 
 
 def test_the_reference_describes_every_command():
@@ -241,6 +267,13 @@ def test_the_example_of_a_motion_model_fills_a_gap():
     trial = MarkerTrial(name="a", t_s=t_s, xyz_m=shown, sd_m=np.full(shown.shape[:2], 1e-4))
     observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     filled = estimate(model, TrialSet([trial], Anatomy((0, 1))), observations)
+    page = (ROOT / "docs" / "howto" / "extend.md").read_text(encoding="utf-8")
+    (named,) = [block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "RESTING =" in block]
+    scope: dict = {"RestingSettings": type(model)}
+    exec(compile(named, "RESTING", "exec"), scope)
+    assert scope["RESTING"].settings == model
+    assert not scope["RESTING"].posed
+    assert set(scope["RESTING"].beside) <= NAMED.keys()
     np.testing.assert_allclose(filled.xyz_m[15:25, 0], truth[15:25, 0], atol=1e-3)
 
 

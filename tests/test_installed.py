@@ -16,7 +16,7 @@ import pytest
 
 from docs.tools import columns
 from mocap import load
-from mocap.cli.help import ROOMS
+from mocap.manual import ROOMS
 from tests.mocap.test_library import documented_names
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,7 +98,7 @@ from itertools import islice
 
 import datasets, eal, mocap, mocap.datasets, mocap.filters
 from mocap.cli.main import main
-from mocap.pipeline import demo
+from mocap.report import demo
 from mocap.plots import figures
 
 demo.run_demo, pictures = partial(demo.run_demo, n_frames=100), figures.pictures
@@ -125,7 +125,7 @@ def ran(installed, tmp_path_factory):
     (other / "datasets" / "__init__.py").write_text("OWNER = 'somebody-else'\n")
     done = run_there(installed, folder, "-c", DEMO, "demo", "bat", "--out", "out", last=other)
     assert done.returncode == 0, done.stderr
-    return folder / "out", done.stdout.splitlines()[-1]
+    return folder / "out", done.stdout.splitlines()
 
 
 @pytest.fixture(scope="module")
@@ -142,10 +142,13 @@ def result(demo):
 
 def test_the_wheel_alone_runs_the_demo(installed, ran, result):
     """Its own files are imported, another's ``datasets`` is left alone, and it writes a result that it loads again."""
-    where, owner, *counts = ran[1].split()
+    *said, last = ran[1]
+    where, owner, *counts = last.split()
     assert where == str(installed / "mocap" / "__init__.py")
     assert owner == "somebody-else"
     assert counts == [str(len(result.skeleton.joints)), str(len(result.skeleton.markers))]
+    (following,) = [line for line in said if line.startswith("Next, with your own files: ")]
+    assert " info FILES " in following
 
 
 def test_the_demo_beats_what_people_use(demo):
@@ -246,17 +249,44 @@ CONDA = {"opencv-python-headless": "py-opencv", "matplotlib": "matplotlib-base"}
 """Names of packages that conda-forge has otherwise."""
 
 
-def test_the_conda_recipe_asks_for_what_the_wheel_asks_for():
-    """The version, the packages of the main job and their bounds."""
+RENDERED = """
+import json, sys
+from pathlib import Path
+from rattler_build import Stage0Recipe
+(variant,) = Stage0Recipe.from_file(Path(sys.argv[1])).render()
+print(json.dumps(variant.recipe.to_dict()))
+"""
+
+
+def wanted_of_conda() -> set[str]:
+    """Packages of the main job and their bounds, as conda-forge names them."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    recipe = (ROOT / "docs" / "releasing" / "conda-recipe.yaml").read_text(encoding="utf-8")
     wanted = {f"python {project['requires-python']}"}
     for line in project["dependencies"]:
         name, *bounds = re.split(r"(?=[<>=])", line, maxsplit=1)
         wanted.add(" ".join((CONDA.get(name, name), *bounds)))
+    return wanted
+
+
+def test_the_conda_recipe_asks_for_what_the_wheel_asks_for():
+    """The packages of the main job and their bounds, and the commands."""
+    recipe = (ROOT / "docs" / "releasing" / "recipe.yaml").read_text(encoding="utf-8")
     (needed,) = re.findall(r"  run:\n((?:    - .*\n)+)", recipe)
-    assert set(re.findall(r"- (.*)", needed)) == wanted
-    assert f'version: "{project["version"]}"' in recipe
+    (python_min,) = re.findall(r'python_min: "(.*)"', recipe)
+    assert set(re.findall(r"- (.*)", needed.replace("${{ python_min }}", python_min))) == wanted_of_conda()
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    assert re.findall(r"- (\S+) = (\S+:\S+)", recipe) == list(scripts.items())
+
+
+def test_rattler_build_renders_the_recipe():
+    """conda-forge's builder reads it, and its requirements are the wheel's; the tool is asked from the index."""
+    pytest.importorskip("uv", reason="a tool of the locked environment")
+    place = ROOT / "docs" / "releasing" / "recipe.yaml"
+    tool = ["--no-project", "--with", "py-rattler-build>=0.60"]
+    found = from_the_index([sys.executable, "-m", "uv", "run", "--quiet", *tool, "python", "-c", RENDERED, place])
+    rendered = json.loads(found.stdout)
+    assert set(rendered["requirements"]["run"]) == wanted_of_conda()
+    assert rendered["package"]["name"] == "eal-mocap"
 
 
 def test_it_can_stand_beside_the_other_programs_of_the_field(beside):
@@ -306,7 +336,7 @@ def test_the_main_job_needs_no_extra_and_an_absent_one_is_named(tmp_path):
         "import importlib.util as u, sys\n"
         f"absent, find = {[*ABSENT, *OF_EXTRAS]}, u.find_spec\n"
         "sys.modules.update(dict.fromkeys(absent))\n"
-        "import mocap, mocap.results.tracked, mocap.pipeline.learning, mocap.rerun.record, mocap.pipeline.demo\n"
+        "import mocap, mocap.results.tracked, mocap.tracking.learning, mocap.rerun.record, mocap.report.demo\n"
         "u.find_spec = lambda n, *a: None if n in absent else find(n, *a)\n"
         "from mocap.cli.main import main\n"
         f"for sys.argv in {commands}:\n"

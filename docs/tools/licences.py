@@ -42,7 +42,10 @@ def licence(found: Distribution) -> str:
     classes = [c for c in classes if c not in ("OSI Approved", "DFSG approved")]
     if stated := told.get("License-Expression") or " and ".join(classes):
         return stated
-    texts = [told.get("License") or "", *(path.read_text() for path in notices(found))]
+    texts = [
+        told.get("License") or "",
+        *(path.read_text(encoding="utf-8", errors="replace") for path in notices(found)),
+    ]
     firsts = [next((line.strip("# ") for line in text.splitlines() if line.strip()), "") for text in texts]
     short = next((first for first in firsts if 0 < len(first) < 60), "")
     return short or "see its files"

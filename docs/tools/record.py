@@ -1,5 +1,6 @@
 """Reference of the variables of a recording, from the table that the code declares."""
 
+from docs.tools.house import parts
 from mocap.variables import VARIABLES
 
 HEAD = """# The record
@@ -27,13 +28,7 @@ Coordinates: `time` (s), `frame` (as the file counts), `keypoint`, `view`, `reas
 What no array holds is in parts, each of the step that found it: `rec[Part]`, or a `MocapError` that says before which
 step it is not known. They are cut with the recording, saved and loaded with it, and `rec.findings` is what they tell.
 
-| part | of | holds |
-|---|---|---|
-| `mocap.pipeline.decided.Decided` | `read` | corner of pixel rows, estimated lens, unit and rate |
-| `mocap.pipeline.cleaned.Cleaned` | `clean` | noise, identity switches, bad cameras, jumps, stale points |
-| `mocap.pipeline.model_choice.ModelChoice` | `track` | why this model, and scores of hidden gaps |
-| `mocap.pipeline.potentials.Potentials` | `track` | joint potentials, in planes and in space |
-| `mocap.pipeline.report_part.Report` | `track` | the report, as numbers and text |
+{parts}
 
 `rec.source` is what the user gave: files, calibration, stated unit and noise.
 """
@@ -45,4 +40,6 @@ def page() -> str:
         f"| `{name}` | {', '.join(told.dims)} | {told.unit} | `{told.since}` | {told.meaning} |"
         for name, told in VARIABLES.items()
     )
-    return HEAD + "\n".join(rows) + "\n" + FOOT
+    held = ["| part | of | holds |", "|---|---|---|"]
+    held += [f"| `{kind}` | `{step}` | {told} |" for _, kind, step, told in parts()]
+    return HEAD + "\n".join(rows) + "\n" + FOOT.replace("{parts}", "\n".join(held))

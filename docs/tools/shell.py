@@ -41,6 +41,7 @@ def run(line: str, work: Path, *, fails: bool = False) -> str:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
+        encoding="utf-8",
         check=False,
         timeout=300,
     )

@@ -4,23 +4,15 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mocap.datasets import make_bat
-from mocap.datasets import write_recording as write_files
 from PIL import Image
 
-from mocap.pipeline.demo import Animal, run_demo
-from mocap.pipeline.job import run_job
-from mocap.pipeline.reading import read
-from mocap.pipeline.result import Result
 from mocap.progress import Stages
-from mocap.rerun.compare import APPLICATION as COMPARISON
-from mocap.rerun.compare import comparison_blueprint, write_comparison
+from mocap.report.demo import Animal, run_demo
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
+from mocap.tracking.result import Result
 from tests.mocap.rerun.headless import Headless
 
 SIZE = (1600, 1000)
-COMPARED = 270
-"""The frame of the comparison: much of a wing is hidden."""
 TABS = ("angles", "overview", "cameras", "joints", "health")
 WANTED: dict[Animal, tuple[int, tuple[str, ...]]] = {
     "bat": (96, ("overview", "joints")),
@@ -52,29 +44,6 @@ def picture_run(run: Result, folder: Path, *, prefix: str, frame: int, tabs: tup
     return out
 
 
-def picture_comparison(folder: Path) -> Path:
-    """Save a picture of the built-in flight tracked with the EAL model beside constant velocity."""
-    path = folder / "bat_compare.png"
-    with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
-        recordings = [Path(temporary) / f"{name}.rrd" for name in ("eal", "constant_velocity")]
-        files = write_files(make_bat(), Path(temporary))
-        source = read(
-            files["pixels"],
-            fps=make_bat().fps,
-            calibration=files["coefficients"],
-            profile=files["profile"],
-            skeleton=files["skeleton"],
-        )
-        write_recording(run_job(source, model="eal", validated=False)[0], recordings[0])
-        write_recording(run_job(source, model="constant_velocity", validated=False)[0], recordings[1])
-        both = Path(temporary) / "both.rrd"
-        write_comparison(recordings, both)
-        viewer.load(both, "eal - constant_velocity", application=COMPARISON)
-        Image.fromarray(viewer.show(comparison_blueprint(recordings), frame=COMPARED)).save(path, optimize=True)
-    return path
-
-
 if __name__ == "__main__":
     for name in WANTED:
         take_pictures(Path(sys.argv[1]), animal=name)
-    picture_comparison(Path(sys.argv[1]))

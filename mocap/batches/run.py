@@ -16,7 +16,7 @@ from typing import Any
 import pandas as pd
 
 from eal.threads import one_blas_thread
-from mocap.batches.engine import Engine, engine, limit_of, why_lost
+from mocap.batches.engine import Runner, engine, limit_of, why_lost
 from mocap.batches.find import find_trials
 from mocap.batches.one import basic_columns
 from mocap.batches.summary import (
@@ -38,18 +38,18 @@ from mocap.batches.summary import (
 from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, key_of, read_record, some, why_failed
 from mocap.batches.worker import failed, track_here
 from mocap.cameras.origin import OriginError
+from mocap.cleaning.cleaning import clean
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io.output import result_file
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.job import MODELS, existing_model
-from mocap.pipeline.learning import Model, learn_from
-from mocap.pipeline.reading import of_session
+from mocap.reading.reading import of_session
 from mocap.recording import Recording
 from mocap.results.cycle_table import CycleTable, stored_table
 from mocap.results.tracked import Tracked, load
 from mocap.schema import Entry, checked
 from mocap.side_by_side import Hear, Lost, NoProcess, Pool
+from mocap.tracking.learning import Model, learn_from
+from mocap.tracking.track_part import MODELS, existing_model
 
 PathText = str | PathLike[str]
 LEARN = "learn"
@@ -255,7 +255,7 @@ def batch(
         return Batch(folder, state.sum_up(), tuple(trial.name for trial in own))
 
 
-def _learn(makes: Engine, state: "_State", seed: int, limit_s: float | None) -> None:
+def _learn(makes: Runner, state: "_State", seed: int, limit_s: float | None) -> None:
     """Learn a model of all trials, in one process.
 
     Raises:
@@ -276,7 +276,7 @@ def _learn(makes: Engine, state: "_State", seed: int, limit_s: float | None) -> 
     state.forget_workers()
 
 
-def _track(makes: Engine, state: "_State", options: Options, *, again: bool, limit_s: float | None) -> None:
+def _track(makes: Runner, state: "_State", options: Options, *, again: bool, limit_s: float | None) -> None:
     """Track what is missing."""
     trials = {trial.name: trial for trial in state.missing}
     limits = {name: limit_of(trial.paths, limit_s) for name, trial in trials.items()}

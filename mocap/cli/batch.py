@@ -88,7 +88,7 @@ def batch(
             say(f"all {len(trials)} trials can be tracked, as far as their files tell")
         say(
             f"Wrote {path}: one row per trial; columns skip and note: what cannot be tracked, and why",
-            f"Correct it in a spreadsheet, then: {typed(program(), 'batch', path)} --out RESULTS",
+            f"Correct it in a spreadsheet, then: {typed(*program(), 'batch', path)} --out RESULTS",
         )
         return
     if scheduler is not None and not scheduler.startswith("tls:"):

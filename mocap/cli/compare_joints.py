@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import program, say, show_text, typed
+from mocap.cli.offered import offered
 from mocap.cli.options import AsJson, Force
 
 
@@ -20,7 +21,8 @@ def compare_joints(
         list[str],
         typer.Option(
             help="Name of the joint; without a side (elbow): both sides; two (elbow_l,elbow_r): one for each group. "
-            "Several times, or all: several joints at once."
+            "Several times, or all: several joints at once.",
+            autocompletion=offered("joints"),
         ),
     ],
     out: Annotated[Path | None, typer.Option(help="Folder to write: report, figure and rerun recording.")] = None,
@@ -56,4 +58,4 @@ def compare_joints(
         return
     show_text(joint_comparison.readable(found, (runs_a, runs_b)))
     if out is not None:
-        say("", f"Wrote {out}/: report, figure, recording.rrd", f"Look at it: {typed(program(), 'view', out)}")
+        say("", f"Wrote {out}/: report, figure, recording.rrd", f"Look at it: {typed(*program(), 'view', out)}")

@@ -105,8 +105,12 @@ def progress() -> Iterator[Callable[[str, float], None]]:
         yield tell
 
 
+MOST_SILENT_S = 60.0
+"""Nobody waits longer for a sign of life; an hour takes some sixty lines."""
+
+
 class _Lines:
-    """Progress where there is no terminal, as in a log: nothing in the first seconds, then lines ever further apart."""
+    """Progress where there is no terminal, as in a log: nothing in the first seconds, then lines now and then."""
 
     def __init__(self, say_line: Callable[[str], None], *, every_s: float = 10.0) -> None:
         self.say_line, self.every_s = say_line, every_s
@@ -119,7 +123,7 @@ class _Lines:
             self.stage, self.stage_begun = stage, now
         if now - self.said < self.every_s or share >= 1:
             return
-        self.said, self.every_s = now, 2 * self.every_s  # an hour takes nine lines
+        self.said, self.every_s = now, min(2 * self.every_s, MOST_SILENT_S)
         spent = now - self.stage_begun
         left = f", about {spent * (1 / share - 1):.0f} s left" if share > 0.05 and spent > 2 else ""
         done = f", {share:.0%} done" if share > 0 else ""
@@ -132,8 +136,13 @@ def typed(*words: object) -> str:
     return subprocess.list2cmdline(texts) if sys.platform == "win32" else shlex.join(texts)
 
 
-def program() -> str:
-    """This command as its user can call it again."""
+def program() -> tuple[str, ...]:
+    """This command as its user can call it again; what uvx and pipx run is in a folder that they take away."""
+    prefix = Path(sys.prefix).parts
+    if any(part.startswith("archive-v") for part in prefix):
+        return ("uvx", "eal-mocap")
+    if "pipx" in prefix and ".cache" in prefix:
+        return ("pipx", "run", "eal-mocap")
     found = shutil.which("mocap")
     called = Path(sys.argv[0])
-    return "mocap" if found is not None and Path(found).resolve() == called.resolve() else str(called)
+    return ("mocap",) if found is not None and Path(found).resolve() == called.resolve() else (str(called),)

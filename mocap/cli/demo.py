@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.console import progress, say
+from mocap.cli.console import program, progress, say, show_text, typed
 from mocap.cli.options import AsJson, Force, Jobs, Out, Verbose
 
 
@@ -15,6 +15,10 @@ class DemoAnimal(StrEnum):
 
     bat = "bat"
     lizard = "lizard"
+
+
+NEXT = "Next, with your own files: {mocap} info FILES   (what is in them, and what is wrong)"
+"""After the demo the second of the five commands that ``mocap`` alone lists."""
 
 
 def demo(
@@ -30,10 +34,12 @@ def demo(
     from mocap import Tracked, processes
     from mocap.cli.closing import finish
     from mocap.io.output import result_folder
-    from mocap.pipeline.demo import run_demo
     from mocap.progress import Stages
+    from mocap.report.demo import run_demo
 
     with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell, processes(jobs):
         result = Tracked.of(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))
         result.write(folder, progress=tell)
     finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose)
+    if not as_json:
+        show_text(f"\n{NEXT.format(mocap=typed(*program()))}")

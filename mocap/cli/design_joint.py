@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args
 import typer
 
 from mocap.cli.console import program, progress, say, show, typed
+from mocap.cli.offered import offered
 from mocap.cli.options import AsJson, Force, Out, with_records
 from mocap.errors import MocapError
 
@@ -128,7 +129,10 @@ def design_joint(
     parts: PartOptions,
     joint: Annotated[
         str | None,
-        typer.Option(help="Name of the joint; for a model without a skeleton its three markers parent,centre,child."),
+        typer.Option(
+            help="Name of the joint; for a model without a skeleton its three markers parent,centre,child.",
+            autocompletion=offered("joints"),
+        ),
     ] = None,
     skeleton: Annotated[Path | None, typer.Option(help="For a model: skeleton file that defines the joint.")] = None,
     force: Force = False,
@@ -174,5 +178,5 @@ def design_joint(
     say(
         "",
         f"Wrote {out}/: report, drawing, images{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
-        f"Look at it: {typed(program(), 'view', out)}",
+        f"Look at it: {typed(*program(), 'view', out)}",
     )

@@ -76,7 +76,7 @@ def digitise(
         from mocap.web.server import served
 
         words = [word for word in sys.argv[1:] if word != "--web"]  # of two --start the last one counts
-        same = typed(program(), *words, "--start", out / SAVED, "--force")
+        same = typed(*program(), *words, "--start", out / SAVED, "--force")
         with occupied(out, "mocap digitise --web"):
             session = open_session(videos, folder=out, start=start, command=same, **given)
             desk = Desk(out=out, trials={}, options=Options(), proof=session)
@@ -103,7 +103,7 @@ def digitise(
     show(report_text(result.report, result.questions(budget), result.engine.names))
     tracks = out / "xypts.csv"
     cameras = next(path for path in (out / "calibration.toml", out / "dltCoefs.csv") if path.is_file())
-    track = (program(), "track", tracks, "--calibration", cameras, "--skeleton", out / "skeleton.toml")
+    track = (*program(), "track", tracks, "--calibration", cameras, "--skeleton", out / "skeleton.toml")
     say(
         "",
         f"Wrote {out}/: xypts.csv, xyzpts.csv, clicks_xypts.csv, asked.csv, origin.csv, report.md, calibration",

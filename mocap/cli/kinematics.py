@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import errors, progress, say
+from mocap.cli.offered import offered
 from mocap.cli.options import Force
 
 
@@ -23,7 +24,8 @@ def kinematics(
         typer.Option(
             help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim), "
             "deeplabcut, sleap or nwb (filled points, and their pixels in each camera), xmalab (rigid bodies); give "
-            "the option once for each."
+            "the option once for each.",
+            autocompletion=offered("exports"),
         ),
     ] = None,
     scale_osim: Annotated[

@@ -41,7 +41,7 @@ def learn(
     """
     import mocap
     from mocap.io.output import result_file
-    from mocap.pipeline.reading import of_session
+    from mocap.reading.reading import of_session
 
     recordings = list(of_session(partial(options.read, tracks) for tracks in trials))
     inputs = [path for recording in recordings for path in recording.inputs]
@@ -52,5 +52,5 @@ def learn(
     if as_json:
         print(json.dumps({"out": str(out), "scores": model.scores}))  # noqa: T201
         return
-    show_text(f"Result: {out}\nUse it: {typed(program(), 'track', 'FILE', '--model', out, '--out', 'FOLDER')}\n")
+    show_text(f"Result: {out}\nUse it: {typed(*program(), 'track', 'FILE', '--model', out, '--out', 'FOLDER')}\n")
     show(model.report_text if verbose else model.scores_text)

@@ -57,7 +57,6 @@ class _Commands(TyperGroup):
 app = typer.Typer(
     cls=_Commands,
     invoke_without_command=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     epilog=f"{DEBUG} (anywhere on the line) or {DEBUG_VARIABLE}=1: print the full traceback of an internal error, "
     "to report it.",
@@ -95,7 +94,7 @@ def main() -> None:
     in_words_of(lambda: typer.main.get_command(app))
     signal.signal(signal.SIGTERM, _terminate)
     try:
-        app(standalone_mode=True)
+        app(standalone_mode=True, prog_name="mocap")
     except SystemExit as stop:
         if not ended_by_plugin(stop):
             raise

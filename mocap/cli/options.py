@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperArgument, TyperCommand
 
+from mocap.cli.offered import offered
+
 if TYPE_CHECKING:
     from mocap.io.format import Hints
     from mocap.recording import Recording
@@ -56,7 +58,10 @@ CalibrationOrigin = Annotated[
 ImageHeight = Annotated[float | None, typer.Option(help="Image height, to flip rows where there is no profile.")]
 Fps = Annotated[float | None, typer.Option(help="Frames per second, if the files do not state it or state it wrongly.")]
 Unit = Annotated[str | None, typer.Option(help="Unit of length, if the files do not state it: m, mm, cm, in, ft.")]
-FormatName = Annotated[str | None, typer.Option("--format", help="File format, if it is not recognised.")]
+FormatName = Annotated[
+    str | None,
+    typer.Option("--format", help="File format, if it is not recognised.", autocompletion=offered("read_formats")),
+]
 SparseCameras = Annotated[
     int | None, typer.Option("--cameras", min=1, help="Number of cameras in sparse (TSV) 2D files.")
 ]
@@ -67,7 +72,9 @@ Columns = Annotated[
         "frame=n; likelihood=p."
     ),
 ]
-Sheet = Annotated[str | None, typer.Option(help="Sheet of an Excel file, by name or number.")]
+Sheet = Annotated[
+    str | None, typer.Option(help="Sheet of an Excel file, by name or number.", autocompletion=offered("sheets"))
+]
 ZeroOption = Annotated[
     Literal["position", "missing"] | None,
     typer.Option("--zero", help="What samples at exactly (0, 0, 0) are. Default: judged by how the markers move."),
@@ -143,7 +150,6 @@ PANELS = {
         "mm_per_px": "MM",
         "video_offset": "FRAMES",
         "video_undistorted": "",
-        "live": "",
         "validate": "",
         "blocks": "FRAMES",
         "jobs": "N",

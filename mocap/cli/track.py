@@ -1,7 +1,6 @@
 """``mocap track``."""
 
 import sys
-from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import progress, say, typed
+from mocap.cli.offered import offered
 from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views, with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
@@ -56,10 +56,10 @@ def track(
         typer.Option(
             help="A file of mocap learn, or eal, mixture, articulated, lagrangian, smooth_acceleration, "
             "constant_velocity; auto: mixture, unless constant velocity fills hidden points better; of one to three "
-            "markers smooth_acceleration."
+            "markers smooth_acceleration.",
+            autocompletion=offered("models"),
         ),
     ] = "auto",
-    live: Annotated[bool, typer.Option("--live", help="Show frames in the viewer while they are tracked.")] = False,
     validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
     fit_lens: FitLens = False,
     blocks: Annotated[
@@ -84,7 +84,7 @@ def track(
     import mocap
     from mocap.cli.closing import finish
     from mocap.io.output import result_folder
-    from mocap.pipeline.job import MODELS, existing_model
+    from mocap.tracking.track_part import MODELS, existing_model
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
     recording = on_disk(tracks, recording_options, blocks) or recording_options.read(
@@ -95,67 +95,50 @@ def track(
         from mocap.io.movies import open_movies
 
         opened = open_movies(movies.video)
-    if live and learned is not None:
-        raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     inputs = [*recording.inputs, None if learned is None else Path(model)]
     size = block_size(recording, blocks)
-    if size and (live or opened):
+    if size and opened:
         raise MocapError(
-            f"--live and --video show recordings that are tracked at once, not in blocks of {size} frames: add "
-            "--blocks 0, or leave them out"
+            f"--video shows recordings that are tracked at once, not in blocks of {size} frames: add --blocks 0, or "
+            "leave it out"
         )
     footer = f"\n## Command that repeats this run\n\n    {again()}\n"
-    watching = nullcontext()
-    if live:
-        from mocap.rerun.live import session
+    with (
+        result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder,
+        progress() as tell,
+        mocap.processes(jobs),
+    ):
+        if size:
+            from mocap.results.long_result import write_in_blocks
 
-        watching = session(say)
-    with watching as watched:
-        with (
-            result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder,
-            progress() as tell,
-            mocap.processes(jobs),
-        ):
-            if size:
-                from mocap.results.long_result import write_in_blocks
-
-                record = None if learned is None else learned.learned
-                result = write_in_blocks(
-                    recording,
-                    folder,
-                    model=model,
-                    learned=record,
-                    size=size,
-                    validate=validate,
-                    footer=footer,
-                    progress=tell,
+            record = None if learned is None else learned.learned
+            result = write_in_blocks(
+                recording,
+                folder,
+                model=model,
+                learned=record,
+                size=size,
+                validate=validate,
+                footer=footer,
+                progress=tell,
+            )
+        else:
+            result = mocap.track(recording, model=learned or model, validate=validate, progress=tell)
+            result = result.with_report(footer)
+            if opened:
+                result = result.with_video(
+                    opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
                 )
-            else:
-                result = mocap.track(
-                    recording,
-                    model=learned or model,
-                    validate=validate,
-                    progress=tell,
-                    watch=None if watched is None else watched[0].watch,
-                ).with_report(footer)
-                if opened:
-                    result = result.with_video(
-                        opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
-                    )
-                result.write(folder, progress=tell)
-        limbs = result.skeleton.joints or result.skeleton.measures.cyclic
-        cycles = limbs and not size and (out / "cycles.csv").exists()
-        also = result.why_no_cycles if cycles else []
-        finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
-        if watched is not None:
-            watched[0].show(out / "recording.rrd", result.recording_id)
-            with suppress(KeyboardInterrupt):
-                watched[1].wait()
+            result.write(folder, progress=tell)
+    limbs = result.skeleton.joints or result.skeleton.measures.cyclic
+    cycles = limbs and not size and (out / "cycles.csv").exists()
+    also = result.why_no_cycles if cycles else []
+    finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
 
 
 def block_size(recording: "Recording", requested: int | None) -> int:
     """Frames of a block; 0: the whole at once."""
-    from mocap.pipeline.blocks import BLOCK, LONG
+    from mocap.recording import BLOCK, LONG
 
     if requested is not None:
         return requested
@@ -169,7 +152,8 @@ def block_size(recording: "Recording", requested: int | None) -> int:
 def on_disk(tracks: list[Path], options: RecordingOptions, blocks: int | None) -> "Recording | None":
     """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
     from mocap.io.tables_long import LongTable
-    from mocap.pipeline.blocks import LONG, OnDisk
+    from mocap.recording import LONG
+    from mocap.tracking.blocks import OnDisk
 
     if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
         return None

@@ -8,31 +8,29 @@ import typer
 from mocap.cli.console import errors, say
 from mocap.cli.options import Force, Out
 
+Run = Annotated[Path, typer.Argument(help="Folder that track or demo wrote, or a .rrd file.")]
+
 
 def view(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(help="Folder that track or demo wrote, or a .rrd file; two to four are shown side by side."),
-    ],
+    run: Run,
     frames: Annotated[
         str | None,
         typer.Option(help="Frames FIRST:LAST (from 1) of a result that was tracked in blocks, all of them."),
     ] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
 ) -> None:
-    """Open a run, or compare several, in rerun, on 127.0.0.1 only."""
+    """Open a result in rerun, on 127.0.0.1 only."""
     import webbrowser
     from tempfile import TemporaryDirectory
 
-    from mocap.rerun.compare import recording_of
+    from mocap.rerun.stored import recording_file
     from mocap.rerun.viewer import open_viewer
 
     with TemporaryDirectory() as folder:
         if frames is None:
-            made = [with_recording(run, Path(folder) / str(i)) for i, run in enumerate(runs)]
-            shown = recording_of(made, Path(folder))
+            shown = recording_file(with_recording(run, Path(folder)))
         else:
-            shown = detail(runs, frames, Path(folder) / "recording.rrd")
+            shown = detail(run, frames, Path(folder) / "recording.rrd")
         viewer = open_viewer(shown, web=web)
         try:
             if viewer.url:
@@ -50,15 +48,14 @@ def with_recording(run: Path, folder: Path) -> Path:
     import mocap
     from mocap.io.manifest import current
 
-    stored = any(current(run, name).is_file() for name in ("recording.nc", "run.nc"))  # run.nc: of the version before
-    if not run.is_dir() or current(run, "recording.rrd").is_file() or not stored:
+    if not run.is_dir() or current(run, "recording.rrd").is_file() or not current(run, "recording.nc").is_file():
         return run
     made = folder / run.resolve().name
     mocap.load(run).write_recording(made)
     return made
 
 
-def detail(runs: list[Path], frames: str, out: Path) -> Path:
+def detail(run: Path, frames: str, out: Path) -> Path:
     """Some frames of one result, as a recording.
 
     Raises:
@@ -71,17 +68,14 @@ def detail(runs: list[Path], frames: str, out: Path) -> Path:
     first, _, last = frames.partition(":")
     if not (first.isdecimal() and last.isdecimal() and 0 < int(first) <= int(last)):
         raise MocapError(f"--frames {frames}: expected FIRST:LAST, as 1001:2000")
-    if len(runs) != 1 or not is_long(runs[0]):
-        raise MocapError("--frames shows a part of one result that was tracked in blocks: give its folder alone")
-    write_recording(load_range(runs[0], range(int(first) - 1, int(last))), out, first=int(first))
+    if not is_long(run):
+        raise MocapError("--frames shows a part of a result that was tracked in blocks")
+    write_recording(load_range(run, range(int(first) - 1, int(last))), out, first=int(first))
     return out
 
 
 def share(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(help="Folder that track or demo wrote, or a .rrd file; two to four are shown side by side."),
-    ],
+    run: Run,
     out: Out,
     force: Force = False,
 ) -> None:
@@ -91,8 +85,8 @@ def share(
     from mocap.io.output import result_folder
     from mocap.rerun.share import PAGE, write_page
 
-    with result_folder(out, "share", replace=force, inputs=runs, tell=say) as folder, TemporaryDirectory() as place:
-        write_page([with_recording(run, Path(place) / str(i)) for i, run in enumerate(runs)], folder)
+    with result_folder(out, "share", replace=force, inputs=[run], tell=say) as folder, TemporaryDirectory() as place:
+        write_page(with_recording(run, Path(place)), folder)
     size_mb = (out / PAGE).stat().st_size / 1e6
     errors.print(
         f"Wrote {out / PAGE} ({size_mb:.0f} MB): open it in a browser, send it, or put it on any web server.",

@@ -1,6 +1,6 @@
 """Theorems 1 to 3: as printed, as corrected, and what draws and trajectories say of both.
 
-``docs/experiments/errata.md`` has the derivations.
+``docs/paper/errata.md`` has the derivations.
 
 Theorems 1 and 2 are tried on independent samples of the unit circle under the Gaussian kernel with beta = 1, whose V_j
 even samples give exactly, with the projection of section 6 between the third eigenvalue and the fourth.

@@ -29,9 +29,6 @@ CYCLES = "/cycles"
 ENERGY = "/lagrangian/energy"
 VALLEY = "/lagrangian/valley"
 
-TOGETHER = "/together"
-APART = "/apart/rms"
-
 ORIGINS = ("measured", "filled", "rejected")
 """Classes of samples; each has its own entity under ``MARKERS`` and ``UNCERTAINTY``, so that it can be toggled."""
 
@@ -59,18 +56,3 @@ def quantity(group: str, name: str) -> str:
 def cycles(kind: str, of: str) -> str:
     """The cycles of one limb."""
     return child(CYCLES, f"{of}_{kind}")
-
-
-def run(number: int) -> str:
-    """All of one run among several."""
-    return f"/run{number + 1}"
-
-
-def together(number: int) -> str:
-    """The body of one run in the scene that all share."""
-    return f"{TOGETHER}{run(number)}"
-
-
-def difference(number: int) -> str:
-    """How far a run is from the first, marker by marker."""
-    return f"/apart{run(number)}"

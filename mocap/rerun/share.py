@@ -5,12 +5,10 @@ import gzip
 import html
 import re
 import urllib.request
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from mocap.errors import OutputError
-from mocap.rerun.compare import run_names, write_comparison
 from mocap.rerun.stored import recording_file
 from mocap.rerun.viewer import open_viewer
 
@@ -45,30 +43,26 @@ _FETCH = """<script>
 """
 
 
-def write_page(runs: Sequence[Path], folder: Path) -> None:
-    """Write ``index.html``, which holds the viewer and the recording of a run, or a comparison of several.
+def write_page(run: Path, folder: Path) -> None:
+    """Write ``index.html``, which holds the viewer and the recording of a run.
 
     The viewer is that of the installed rerun, taken from a server of our own on this computer. The page holds it and
     the recording compressed, as text, and answers itself what the viewer asks for. It asks no host, and is forbidden to
     by a policy, too: the viewer would send statistics of use.
 
     Raises:
-        MocapError: a run has no recording, or the viewer does not start.
+        MocapError: the run has no recording, or the viewer does not start.
         OutputError: the recording is too large for a page.
     """
     folder.mkdir(exist_ok=True)
-    with TemporaryDirectory() as place:
-        target = recording_file(runs[0]) if len(runs) == 1 else Path(place) / "recording.rrd"
-        if len(runs) > 1:
-            write_comparison(runs, target)
-        recording = _embedded("recording.rrd", target.read_bytes())
-        if len(recording) > LARGEST_MB * 1e6 * 4 / 3:
-            raise OutputError(
-                f"the recording takes {len(recording) * 0.75e-6:.0f} MB compressed, and a page holds {LARGEST_MB:.0f} "
-                "MB at most: share a stretch of it (mocap view --frames), or a run without videos"
-            )
-        text, script, wasm = fetched_viewer()
-    title = html.escape(", ".join(run_names(runs)))
+    recording = _embedded("recording.rrd", recording_file(run).read_bytes())
+    if len(recording) > LARGEST_MB * 1e6 * 4 / 3:
+        raise OutputError(
+            f"the recording takes {len(recording) * 0.75e-6:.0f} MB compressed, and a page holds {LARGEST_MB:.0f} "
+            "MB at most: share a stretch of it (mocap view --frames), or a run without videos"
+        )
+    text, script, wasm = fetched_viewer()
+    title = html.escape(run.resolve().name if run.is_dir() else run.stem)
     parts = {
         f'<script src="{_SCRIPT}"></script>': recording
         + _embedded(_WASM, wasm)

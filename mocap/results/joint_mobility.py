@@ -18,10 +18,10 @@ from mocap.errors import MocapError
 from mocap.kinematics.angles import SEQUENCE, turns
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.measures import JointAxes
-from mocap.pipeline.result import Result
 from mocap.results.stored import RECORDING
 from mocap.results.tracked import Tracked, load
 from mocap.sides import words
+from mocap.tracking.result import Result
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,23 +11,24 @@ import xarray as xr
 
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import MODELS, Lens
+from mocap.cleaning.cleaned import Cleaned
 from mocap.documents import from_json
 from mocap.errors import FormatError, beside
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.io.tables import WORDS
 from mocap.json_records import AGAIN, plain, record
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.potentials import Potentials
-from mocap.pipeline.reading import in_arguments
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result
+from mocap.reading.decided import Decided
+from mocap.reading.reading import in_arguments
+from mocap.reading.session import Siblings
 from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
-from mocap.results.earlier import EARLIER, WITHOUT_PARTS, earlier_parts, earlier_record
+from mocap.results.files import MARKERS, RECORDING, SKELETON
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.potentials import Potentials
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result
 from mocap.variables import SIZES, VARIABLES, entry_of
 
 INDIVIDUAL = "id_0"
@@ -100,13 +101,13 @@ def plane_dataset(run: Result) -> xr.Dataset:
 FORMAT = "eal-mocap recording 2"
 PARTS: Mapping[str, type] = {
     "decided": Decided,
+    "siblings": Siblings,
     "cleaned": Cleaned,
     "model": ModelChoice,
     "potentials": Potentials,
     "report": Report,
 }
 """Parts that are kept, by their names in the header, each after those that it depends on."""
-RECORDING, MARKERS, SKELETON = "recording.nc", "markers.nc", "skeleton.toml"
 LOOSE = ("point_covariance", "pair_covariance")
 """Not packed: in single precision they would hardly be smaller."""
 
@@ -153,7 +154,7 @@ def write_arrays(recording: Result, folder: Path) -> None:
 
 
 def read_recording(folder: Path) -> Result:
-    """Read what ``write_arrays`` wrote, of this version or those before (``mocap.results.earlier``); all but movies.
+    """Read what ``write_arrays`` wrote, all but movies.
 
     Raises:
         FormatError: the folder holds no result, or one of another version.
@@ -161,23 +162,17 @@ def read_recording(folder: Path) -> Result:
     if not folder.is_dir():
         trouble = "is a file" if folder.exists() else f"there is no such folder{beside(folder)}"
         raise FormatError(f"{folder}: {trouble}: give a folder that `mocap track` or save() wrote")
-    early = not (folder / RECORDING).is_file() and (folder / EARLIER).is_file()
-    for name in (EARLIER if early else RECORDING, MARKERS, SKELETON, "report.json", "report.md"):
+    for name in (RECORDING, MARKERS, SKELETON, "report.json", "report.md"):
         if not (folder / name).is_file():
             raise FormatError(
                 f"{folder}: contains no {name}: expected a folder that `mocap track` or save() of this version wrote"
             )
-    path = folder / (EARLIER if early else RECORDING)
-    if early:
-        found, header = earlier_record(folder, again=AGAIN)
-    else:
-        found = read_netcdf(path, again=AGAIN)
-        header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
-        format = header.get("format") if isinstance(header, dict) else header
-        if format not in (FORMAT, WITHOUT_PARTS):
-            raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
-        early = format == WITHOUT_PARTS
-    header |= earlier_parts(header, folder) if early else {}
+    path = folder / RECORDING
+    found = read_netcdf(path, again=AGAIN)
+    header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
+    format = header.get("format") if isinstance(header, dict) else header
+    if format != FORMAT:
+        raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
     where = f"{path}: header"
     entries = checked(where, header, _HEADER, again=AGAIN)
     cameras = tuple(

@@ -1,4 +1,4 @@
-"""The errata of docs/experiments/errata.md, one by one: what is printed fails, what is corrected holds.
+"""The errata of docs/paper/errata.md, one by one: what is printed fails, what is corrected holds.
 
 The anchor is the uniform distribution on the unit circle, where eigenvalues, V_rho and |T_z - T_rho| are closed forms.
 """

@@ -14,23 +14,23 @@ from mocap.filters.models.constant_velocity import MarkerSettings
 
 import mocap
 from docs.tools import columns
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, Kind, over_blocks
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.job import track_part
-from mocap.pipeline.learning import learn_from
-from mocap.pipeline.tracking import learn_motion, seen_part
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording
 from mocap.results.blocks import load_range
 from mocap.results.long_result import write_in_blocks
 from mocap.skeleton import Joint, Skeleton
+from mocap.tracking.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
+from mocap.tracking.learning import learn_from
+from mocap.tracking.track_part import track_part
+from mocap.tracking.tracking import learn_motion, seen_part
 
 T = 350
 SHOWN = [*range(9), 13, 14, 17]  # trunk and an arm of the bat
@@ -79,8 +79,8 @@ def one_motion(bat):
         return FittedMotion(replace(once, start_m=first), part.t_s)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mocap.pipeline.job.learn_motion", known)
-        patch.setattr("mocap.pipeline.blocks.LEAST_S", 0.25)
+        patch.setattr("mocap.tracking.track_part.learn_motion", known)
+        patch.setattr("mocap.tracking.blocks.LEAST_S", 0.25)
         yield
 
 
@@ -178,22 +178,27 @@ def test_any_range_of_frames(folder):
 
 def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
     """Every third frame, numbered and timed as in the recording."""
+    import pyarrow as pa
     from rerun.chunk import RrdReader
 
-    from mocap.rerun.stored import read_recording
+    from mocap.rerun import paths
+    from mocap.rerun.columns import TIME
 
     monkeypatch.setattr("mocap.rerun.record.write_recording", write_recording)
     monkeypatch.setattr("mocap.results.long_result.OVERVIEW", 120)
     report = in_blocks(bat, tmp_path / "out", size=200)
     assert report["blocks"] == {"frames": 200, "every": 3, "shown": 117}
     assert report["validation"]["hidden_samples"] > 0  # of one block
-    stored = read_recording(tmp_path / "out" / "recording.rrd", name="bat")
-    np.testing.assert_allclose(np.diff(stored.t_s), 3 * bat.dt_s, atol=1e-8)
-    frames = set()
+    frames, times = set(), {}
     for chunk in RrdReader(str(tmp_path / "out" / "recording.rrd")).stream():
         batch = chunk.to_record_batch()
         if "frame" in batch.schema.names:
             frames |= set(batch.column("frame").to_pylist())
+            if chunk.entity_path == paths.SKELETON:
+                nanoseconds = batch.column(TIME).cast(pa.int64()).to_pylist()
+                times |= dict(zip(batch.column("frame").to_pylist(), nanoseconds, strict=True))
+    np.testing.assert_allclose(np.diff([times[f] for f in sorted(times)]), 3e9 * bat.dt_s, atol=10)
+    assert len(times) == 117
     assert frames <= set(range(1, T + 1, 3))
     assert {1, 349} <= frames
 
@@ -214,7 +219,7 @@ def test_the_command_line(folder, tmp_path, monkeypatch, capsys):
     assert "in blocks of at most 150 frames" in (out / "report.md").read_text()
     part = mocap.load(out, frames=range(230, 236))
     assert part.markers.sizes["time"] == 6
-    assert detail([out], "231:236", tmp_path / "part.rrd").stat().st_size > 1000
+    assert detail(out, "231:236", tmp_path / "part.rrd").stat().st_size > 1000
     capsys.readouterr()
     assert run("view", out, "--frames", "7") == 1
     assert "FIRST:LAST" in capsys.readouterr().err
@@ -294,9 +299,9 @@ def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
 
 def test_rays_in_blocks_of_which_some_show_nothing(tmp_path, monkeypatch):
     """The report has residuals and counts of all frames; where nothing is seen all is missing, and is written."""
-    monkeypatch.setattr("mocap.pipeline.blocks.MOST", 20)
-    monkeypatch.setattr("mocap.pipeline.blocks.LEAST", 10)
-    monkeypatch.setattr("mocap.pipeline.blocks.LEAST_S", 0.0)
+    monkeypatch.setattr("mocap.tracking.blocks.MOST", 20)
+    monkeypatch.setattr("mocap.tracking.blocks.LEAST", 10)
+    monkeypatch.setattr("mocap.tracking.blocks.LEAST_S", 0.0)
     film = make_bat(n_frames=200, n_cameras=3)
     names, uv = film.truth.names[:9], np.array(film.pixels.uv_px[:, :, :9])
     uv[:, 60:140] = np.nan
@@ -319,13 +324,13 @@ def test_rays_in_blocks_of_which_some_show_nothing(tmp_path, monkeypatch):
 
 def test_a_mixture_is_learned_once(bat, monkeypatch):
     """Of stretches of the recording; those inside a block are no part of what it is tracked with."""
-    monkeypatch.setattr("mocap.pipeline.blocks.EXCERPTS", 2)
-    monkeypatch.setattr("mocap.pipeline.blocks.EXCERPT", 120)
+    monkeypatch.setattr("mocap.tracking.blocks.EXCERPTS", 2)
+    monkeypatch.setattr("mocap.tracking.blocks.EXCERPT", 120)
     each = partial(learn_from, models=(EACH_MARKER, MarkerSettings()), effort=Effort(validated=1, times=1))
-    monkeypatch.setattr("mocap.pipeline.blocks.learn_from", each)
+    monkeypatch.setattr("mocap.tracking.blocks.learn_from", each)
     given = []
     monkeypatch.setattr(
-        "mocap.pipeline.blocks.track_part",
+        "mocap.tracking.blocks.track_part",
         lambda *one, **options: given.append(options["learned"]) or track_part(*one, **options),
     )
     learned, why = learn_excerpts(bat)

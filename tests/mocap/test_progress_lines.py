@@ -1,5 +1,6 @@
 """What a command says while it works and at its end: lines in a log, and commands that can be pasted."""
 
+import itertools
 import re
 import shlex
 import sys
@@ -15,7 +16,7 @@ from mocap.cli.options import PANELS
 
 
 def test_a_log_gets_a_line_now_and_then(monkeypatch):
-    """Nothing in the first seconds; then the stage, its share, and the time left, at intervals that double."""
+    """Nothing in the first seconds; then the stage, its share, and the time left, at intervals that double at first."""
     now, said = [0.0], []
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
     tell = console._Lines(said.append, every_s=10.0)
@@ -29,11 +30,39 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch):
     ]
 
 
+def test_no_minute_of_a_log_is_silent(monkeypatch):
+    """Intervals grow to a minute: of an hour of one stage each minute has its line."""
+    now, said = [0.0], []
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    tell = console._Lines(lambda _: said.append(now[0]))
+    for second in range(3600):
+        now[0] = float(second)
+        tell("track", second / 3600)
+    assert max(later - earlier for earlier, later in itertools.pairwise(said)) <= 60
+    assert len(said) <= 65
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="quotes of POSIX shells")
 def test_what_is_to_be_typed_can_be_pasted():
     """A folder with spaces and quotes comes back as one word."""
     folder = Path("F5 track/it's")
     assert shlex.split(console.typed("mocap", "view", folder)) == ["mocap", "view", str(folder)]
+
+
+@pytest.mark.parametrize(
+    ("prefix", "words"),
+    [
+        ("/home/a/.cache/uv/archive-v0/Xs3", ("uvx", "eal-mocap")),
+        ("/home/a/.local/pipx/.cache/3f2", ("pipx", "run", "eal-mocap")),
+        ("/home/a/clone/.venv", ("/home/a/clone/.venv/bin/mocap",)),
+    ],
+)
+def test_the_program_is_named_as_it_can_be_called_again(monkeypatch, prefix, words):
+    """What uvx and pipx run lies in a folder that they take away again."""
+    monkeypatch.setattr("sys.prefix", prefix)
+    monkeypatch.setattr("sys.argv", [f"{prefix}/bin/mocap"])
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    assert console.program() == words
 
 
 REPORT = {

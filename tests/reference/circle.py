@@ -1,6 +1,6 @@
 """The uniform distribution on the unit circle under the Gaussian kernel: everything in closed form.
 
-The anchor of ``docs/experiments/errata.md`` and of the tests: eigenvalues, V_rho, V_j and |T_z - T_rho| without
+The anchor of ``docs/paper/errata.md`` and of the tests: eigenvalues, V_rho, V_j and |T_z - T_rho| without
 sampling error.
 """
 

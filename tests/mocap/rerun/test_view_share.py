@@ -13,11 +13,11 @@ from flapping import make_run
 from test_view_pictures import amount
 
 from mocap.errors import OutputError
-from mocap.pipeline.report_part import Report
 from mocap.rerun import palette, share
 from mocap.rerun.record import write_recording
 from mocap.rerun.share import PAGE, write_page
 from mocap.rerun.viewer import HOST, open_viewer
+from mocap.tracking.report_part import Report
 
 pytestmark = pytest.mark.viewer
 SETTLED_COLORS = 150
@@ -113,10 +113,10 @@ def test_what_else_a_folder_holds_stays(recordings, tmp_path, monkeypatch):
     monkeypatch.setattr(share, "fetched_viewer", lambda: (page, script, b""))
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "notes.txt").write_text("mine")
-    write_page([recordings / "flight.rrd"], tmp_path / "site")
-    write_page([recordings / "empty.rrd", recordings / "flight.rrd"], tmp_path / "site")
+    write_page(recordings / "flight.rrd", tmp_path / "site")
+    write_page(recordings / "empty.rrd", tmp_path / "site")
     assert (tmp_path / "site" / "notes.txt").read_text() == "mine"
-    assert "<title>empty, flight</title>" in (tmp_path / "site" / PAGE).read_text()
+    assert "<title>empty</title>" in (tmp_path / "site" / PAGE).read_text()
     assert [path.name for path in tmp_path.iterdir()] == ["site"]
     assert sorted(path.name for path in (tmp_path / "site").iterdir()) == [PAGE, "notes.txt"]
 
@@ -125,7 +125,7 @@ def test_a_recording_beyond_what_browsers_hold_is_refused(recordings, tmp_path, 
     """With its size and what to do; nothing is written."""
     monkeypatch.setattr("mocap.rerun.share.LARGEST_MB", 1e-3)
     with pytest.raises(OutputError, match=r"MB compressed, and a page holds .* share a stretch of it"):
-        write_page([recordings / "flight.rrd"], tmp_path)
+        write_page(recordings / "flight.rrd", tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -165,7 +165,7 @@ def attacked(tmp_path_factory):
     named = folder / ATTACK.replace("/", "|")
     named.mkdir()
     write_recording(run, named / "recording.rrd")
-    write_page([named], folder / "site")
+    write_page(named, folder / "site")
     return folder / "site"
 
 

@@ -27,6 +27,7 @@ settings.load_profile("project")
 
 
 SLOW = {
+    "benchmarks/test_compare_benchmark.py": 25,
     "benchmarks/gaps/test_gap_ours.py": 4,
     "benchmarks/gaps/test_gap_run.py": 4,
     "benchmarks/gaps/test_gap_sets.py": 4,

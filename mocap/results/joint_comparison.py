@@ -277,7 +277,9 @@ def _of_potential(path: Path) -> _Angle:
 
 def readable(found: Mapping[str, Comparison], groups: Sequence[Path]) -> str:
     """The verdict and the effect of each joint, in lines, and the sentence for the methods."""
-    lines = [f"a: {groups[0]}, b: {groups[1]}"]
+    trials = any(one.unit == "trials" for one in found.values())
+    within = "within these animals (their trials are permuted; to permute animals name them): " if trials else ""
+    lines = [f"{within}a: {groups[0]}, b: {groups[1]}"]
     for one in found.values():
         lines += one.lines()
     return "\n".join([*lines, f"for the methods section: {next(iter(found.values())).methods()}"])

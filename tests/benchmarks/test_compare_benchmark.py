@@ -4,9 +4,13 @@ import sys
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from benchmarks.compare import ROWS, Group, main
 from benchmarks.compare_peers import cycles, peers
+from benchmarks.gaps.sets import WIND_TUNNEL_POINTS, _flight
+from eal import compare
+from tests.real_data import real
 
 
 def test_a_group_is_drawn_as_stated():
@@ -55,3 +59,28 @@ def test_draws_go_on_where_they_ended(tmp_path, monkeypatch):
         draws = pd.read_csv(tmp_path / "peers_draws.csv")
         assert draws["draw"].tolist() == list(range(count))
     assert pd.read_csv(tmp_path / "peers.csv")["draws"].tolist() == [3]
+
+
+def test_left_and_right_of_one_bat_do_not_differ():
+    """The wrist in four digitised flights, each side; flights of a bat and one flight of another are refused."""
+    real("bat_windtunnel_dltdv8", "078A3", "F5")
+    flights = [_flight(f"078A3_F{k}") for k in (2, 3, 4, 5)]
+
+    def wrist(side):
+        found = []
+        for one in flights:
+            elbow, centre, digit = (
+                one.xyz_m[:, WIND_TUNNEL_POINTS.index(name + side)] for name in ("elb", "wst", "t3")
+            )
+            near, far = elbow - centre, digit - centre
+            cosine = np.sum(near * far, axis=1) / np.linalg.norm(near, axis=1) / np.linalg.norm(far, axis=1)
+            rows = np.flatnonzero(np.isfinite(cosine))
+            found.append(np.degrees(np.arccos(cosine[rows[0] : rows[-1] + 1]))[:, None])
+        return found
+
+    left, right = wrist("L"), wrist("R")
+    found = compare(left, right)
+    assert found.p_value > 0.05
+    assert found.shift_interval[0, 0] < 0.0 < found.shift_interval[0, 1]
+    with pytest.raises(ValueError, match="4 and 1 trials are too few to judge"):
+        compare(left, right[:1])

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -85,6 +86,12 @@ def test_maps_of_joints_notice_a_narrower_kernel(arcs, monkeypatch):
     """V rises elsewhere: the second verdict of figures 7, 8 and 20, whose control is a wider one."""
     monkeypatch.setattr(fig_joints, "WIDTH", 4.0 * fig_joints.WIDTH)
     assert [v.holds for v in figure_7(arcs["bat"], quick=True).verdicts][1] is False
+
+
+def test_maps_of_joints_notice_another_lambda(arcs, monkeypatch):
+    """Ten times as large V is that much higher in the valley: the first verdict of figures 7, 8 and 20."""
+    monkeypatch.setattr(fig_joints, "joint_potential", partial(fig_joints.joint_potential, lam=1e-2))
+    assert [v.holds for v in figure_7(arcs["bat"], quick=True).verdicts] == [False, True]
 
 
 def test_maps_of_joints_notice_what_is_no_joint(arcs, rng):

@@ -44,7 +44,7 @@ def test_a_shift_in_degrees_is_found_whatever_the_size(mocap, rng, tmp_path):
     _, told, _ = mocap("compare-joints", a, b, "--joint", "elbow")
     starts = [line.split(":")[0] for line in told.strip().splitlines()]
     assert starts == [
-        "a",
+        "within these animals (their trials are permuted; to permute animals name them)",
         "within these animals, whose trials were permuted",
         "elbow angle",
         "for the methods section",

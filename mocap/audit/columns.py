@@ -32,12 +32,12 @@ def _negative(uv: Array, names: Sequence[str], camera: str) -> list[Finding]:
     if not below.any() or share > 0.25:  # then pixels are counted from the middle
         return []
     for m, k in np.argwhere(below.any(axis=0)).tolist():
-        below[:, m, k] &= _flipped(uv[:, m, k], below[:, m, k])
+        below[:, m, k] &= _flipped(uv[:, m, k], uv[:, m, 1 - k], below[:, m, k])
     if not below.any():
         return []
     whose = np.flatnonzero(below.any(axis=(0, 2)))
     rows = np.flatnonzero(below.any(axis=(1, 2))) + 1
-    named = ", ".join(repr(str(names[m])) for m in whose[:4]) + (", ..." if len(whose) > 4 else "")
+    named = ", ".join(repr(str(names[m])) for m in whose[:4].tolist()) + (", ..." if len(whose) > 4 else "")
     return [
         alarm(
             kind=Kind.NEGATIVE_PIXELS,
@@ -45,16 +45,17 @@ def _negative(uv: Array, names: Sequence[str], camera: str) -> list[Finding]:
             f"(from row {rows[0]} on), as no image has: check their sign",
             numbers={"pixels": int(below.sum()), "lowest_px": float(known.min())},
             cameras=(camera,),
-            markers=tuple(str(names[m]) for m in whose),
+            markers=tuple(str(names[m]) for m in whose.tolist()),
             frames=tuple(int(r) for r in rows[:20]),
         )
     ]
 
 
-def _flipped(column: Array, below: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _flipped(column: Array, across: Array, below: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(T,) samples below 0 that continue the others with the other sign, or of a column that is all below 0.
 
-    What leaves the image goes on where it was; what has lost its sign comes from as far on the other side.
+    What leaves the image goes on where it was; what has lost its sign comes from as far on the other side,
+    and its other coordinate, ``across``, goes on.
     """
     seen = np.flatnonzero(np.isfinite(column))
     out = below.copy()
@@ -67,7 +68,10 @@ def _flipped(column: Array, below: NDArray[np.bool_]) -> NDArray[np.bool_]:
         inside = start > 1 and stop < len(values) - 1  # at an end of its track it may have left the image for good
         sides = [(start, values[start - 2 : start][::-1]), (stop - 1, values[stop : stop + 2])] if inside else []
         ahead = [(values[i], _onward(two)) for i, two in sides]
-        out[seen[start:stop]] = inside and all(abs(own - other) > 3 * abs(own + other) for own, other in ahead)
+        on = across[seen[[start, stop - 1]]] - (across[seen[start - 1]] + across[seen[stop % len(seen)]]) / 2
+        steady = bool((np.abs(on) < np.abs(values[[start, stop - 1]]) / 2).all())
+        lost = all(abs(own - other) > 3 * abs(own + other) for own, other in ahead)
+        out[seen[start:stop]] = inside and steady and lost
     return out
 
 

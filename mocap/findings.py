@@ -71,6 +71,9 @@ class Kind(StrEnum):
     # markers and samples
     JUMP = "jump", Harm.SAMPLES
     REPEATED_FRAMES = "repeated frames", Harm.SAMPLES
+    EXCHANGED_FRAMES = "exchanged frames", Harm.SAMPLES
+    SINGLE_SAMPLES = "single samples", Harm.SAMPLES
+    NEGATIVE_PIXELS = "negative pixels", Harm.SAMPLES
     BY_HAND = "corrections by hand", Harm.SAMPLES
     CORRECTIONS = "corrections", Harm.SAMPLES, "edits_anyway"
     NEVER_SEEN = "never seen", Harm.SAMPLES

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
+from mocap.audit.columns import column_findings
+from mocap.audit.frames import exchanged_frames, path_findings
 from mocap.audit.names import exchange_rates
 from mocap.audit.units import unit_findings
 from mocap.findings import MOST, Finding, Kind, alarm
@@ -25,6 +27,8 @@ def pixel_findings(pixels: PixelTracks) -> list[Finding]:
     for c, camera in enumerate(pixels.cameras):
         uv = pixels.uv_px[c]
         found += [*_steps(uv, camera), *_repeats(uv, camera), *exchange_rates(uv, pixels.names, camera=camera)]
+        found += [*column_findings(uv, pixels.names, camera=camera), *path_findings(uv, pixels.names, camera=camera)]
+    found += exchanged_frames(np.moveaxis(pixels.uv_px, 1, 0).reshape(len(pixels.t_s), -1), axes=2)
     return found + _copied_tracks(pixels)
 
 
@@ -38,6 +42,8 @@ def point_findings(points: MarkerTracks, *, first: int = 0, sized: bool = True) 
     """
     found = [*_repeats(points.xyz_m, None, first), *exchange_rates(points.xyz_m, points.names)]
     found += unit_findings(points.xyz_m, points.names, first=first)
+    found += path_findings(points.xyz_m, points.names, first=first)
+    found += exchanged_frames(points.xyz_m.reshape(len(points.t_s), -1), axes=3, first=first)
     return found + (sizes(points.xyz_m) if sized else [])
 
 
@@ -105,6 +111,9 @@ def _repeats(values: Array, camera: str | None, first: int = 0) -> list[Finding]
     step = np.where(finite.any(axis=1), np.nansum(length, axis=1) / np.maximum(finite.sum(axis=1), 1), np.nan)
     usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
     # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
+    # many markers that never stand still do not all do so by chance, however slowly they move there
+    known = max(np.count_nonzero(both[~repeats]), 1)
+    usual = 0.0 if max(alone, 1 / known) ** markers < 1e-9 else usual
     moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
     out = np.zeros(len(repeats), dtype=bool)

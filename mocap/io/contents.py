@@ -253,6 +253,7 @@ def pixel_recording(
         FormatError: a name appears twice, or frame numbers do not increase.
     """
     frames = first + np.arange(uv_px.shape[1]) if frames is None else frames
+    parts["findings"] = (*parts.get("findings", ()), *half_seen(np.moveaxis(uv_px, 0, 1), names, frames))
     with _as_format_error(path):
         t_s, names, cameras = (frames - first) / (fps or 1.0), tuple(names), tuple(cameras)
         parts["pixels"] = PixelTracks(names=names, cameras=cameras, t_s=t_s, uv_px=uv_px)
@@ -295,12 +296,37 @@ def point_recording(
     frames = first + np.arange(len(xyz)) if frames is None else frames
     xyz = xyz.reshape(len(xyz), -1, 3) if xyz.ndim == 2 else xyz
     xyz = xyz * metres(path, unit) if unit is not None else np.array(xyz, dtype=np.float64)
+    parts["findings"] = (*parts.get("findings", ()), *half_seen(xyz, names, frames))
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
     times = (frames - first) / (fps or 1.0) if t_s is None else t_s
     with _as_format_error(path):
         parts["points"] = marker_tracks(names, times, xyz, status=status)
     parts |= {"names": tuple(names), "frames": frames, "fps": fps, "unit": unit}
     return FileContents(format=format, paths=(path,), **parts)
+
+
+def half_seen(values: Array, names: Sequence[str], frames: NDArray[np.int64]) -> tuple[str, ...]:
+    """A sentence on samples of which some coordinates are there and others are not, if there are any.
+
+    Args:
+        values: (T, ..., M, d) coordinates as the file has them; NaN where a cell is empty.
+        names: The M markers.
+        frames: (T,) frame numbers.
+    """
+    empty = np.isnan(values).reshape(len(values), -1, *values.shape[-2:])
+    half = np.logical_and(empty.any(axis=-1), ~np.logical_and.reduce(empty, axis=-1)).sum(axis=1)
+    if not half.any():
+        return ()
+    listed = [
+        f"{count} of {names[m]!r} (from frame {frames[half[:, m].argmax()]} on)"
+        for m, count in enumerate(half.sum(axis=0))
+        if count
+    ]
+    more = f", and of {len(listed) - 8} more markers" if len(listed) > 8 else ""
+    return (
+        f"{half.sum()} samples have some of their coordinates and not the others, and are read as missing: "
+        f"{', '.join(listed[:8])}{more}: look for empty cells",
+    )
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, calibration_recording, pixel_recording, table_recording
+from mocap.io.contents import FileContents, calibration_recording, half_seen, pixel_recording, table_recording
 from mocap.io.csv_table import by_title, decimals_in, decimals_of, first_cells, read_table, write_table
 from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import is_number_row
@@ -32,10 +32,15 @@ def read_pixels(path: Path, *, fps: float) -> PixelTracks:
     Raises:
         FormatError: the header or a cell is not that; the message names it.
     """
+    names, cameras, uv = pixel_cells(path)
+    return PixelTracks(names=names, cameras=cameras, t_s=np.arange(uv.shape[1]) / fps, uv_px=uv)
+
+
+def pixel_cells(path: Path) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
+    """Markers, cameras and (C, T, M, 2) pixels of ``xypts.csv``, of which one may be there without the other."""
     expected = "names like pt1_cam1_X (DLTdv xypts): is this the 2D file?"
     names, cameras, uv = by_title(path, read_table(path), _PIXEL, [_X, _Y], expected=expected)
-    t_s = np.arange(uv.shape[1]) / fps
-    return PixelTracks(names=names, cameras=tuple(f"cam{c}" for c in cameras), t_s=t_s, uv_px=uv)
+    return tuple(names), tuple(f"cam{c}" for c in cameras), uv
 
 
 def holds_deviations(path: Path) -> bool:
@@ -59,11 +64,20 @@ def read_points(path: Path, *, fps: float) -> MarkerTracks:
     Raises:
         FormatError: the header or a cell is not that; the message names it.
     """
-    expected, axes = "names like pt1_X (DLTdv xyzpts)", [_X, _Y, "_Z _z", "_sd"]
-    names, _, (table,) = by_title(path, read_table(path), _POINT, axes, expected=expected, spare=1)
+    return _tracks(*_point_cells(path), fps)
+
+
+def _tracks(names: Sequence[str], table: Array, fps: float) -> MarkerTracks:
     xyz, sd = np.split(table, [3], axis=-1)
     xyz = np.where(np.isnan(xyz).any(axis=-1, keepdims=True), np.nan, xyz)
     return marker_tracks(names, np.arange(len(xyz)) / fps, xyz, cov_m2=sd[..., None] ** 2 * np.eye(3))
+
+
+def _point_cells(path: Path) -> tuple[tuple[str, ...], Array]:
+    """Markers and (T, M, 4) coordinates and standard deviations of ``xyzpts.csv``, as its cells are."""
+    expected, axes = "names like pt1_X (DLTdv xyzpts)", [_X, _Y, "_Z _z", "_sd"]
+    names, _, (table,) = by_title(path, read_table(path), _POINT, axes, expected=expected, spare=1)
+    return tuple(names), table
 
 
 def write_points(path: Path, tracks: MarkerTracks, *, sd: bool = False) -> None:
@@ -151,10 +165,10 @@ def _origin_beside(path: Path) -> PixelCorner | None:
 
 @file_format("dltdv-xypts", "pixel tracks of DLTdv (flat CSV)", _is_pixels)
 def _pixels(path: Path, _hints: Hints) -> FileContents:
-    pixels, origin = read_pixels(path, fps=1.0), _origin_beside(path)
+    (names, cameras, uv), origin = pixel_cells(path), _origin_beside(path)
     notes = ("the file does not record the corner that pixel rows are counted from",) if origin is None else ()
-    parts = {"names": pixels.names, "cameras": pixels.cameras, "pixel_origin": origin, "findings": notes}
-    return pixel_recording(path, "dltdv-xypts", uv_px=pixels.uv_px, **parts)
+    parts = {"names": names, "cameras": cameras, "pixel_origin": origin, "findings": notes}
+    return pixel_recording(path, "dltdv-xypts", uv_px=uv, **parts)
 
 
 def _is_points(head: Head) -> bool:
@@ -164,8 +178,9 @@ def _is_points(head: Head) -> bool:
 
 @file_format("dltdv-xyzpts", "points of DLTdv (flat CSV)", _is_points)
 def _points(path: Path, _hints: Hints) -> FileContents:
-    points = read_points(path, fps=1.0)
-    findings = ()
+    names, table = _point_cells(path)
+    points = _tracks(names, table, 1.0)
+    findings = half_seen(table[..., :3], names, 1 + np.arange(len(table)))
     if all(name.endswith("filt") for name in points.names):
         names = tuple(name.removesuffix("filt") for name in points.names)
         points = replace(points, names=names, status=np.where(points.seen, Status.SMOOTHED, Status.MISSING))

@@ -12,7 +12,7 @@ from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
 from mocap.io.csv_table import by_title, read_table
-from mocap.io.dltdv import PIXEL, names_of, read_pixels
+from mocap.io.dltdv import PIXEL, names_of, pixel_cells
 from mocap.io.format import Head, Hints, file_format
 from mocap.io.lines import frame_numbers, numbers, read_lines
 
@@ -38,8 +38,7 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
     lines = read_lines(path)
     glued = _OFFSETS.match(lines[0])
     if glued is None:
-        pixels = read_pixels(path, fps=1.0)
-        names, cameras, uv = pixels.names, pixels.cameras, pixels.uv_px
+        names, cameras, uv = pixel_cells(path)
     else:
         # names, cameras and (C, T, M, 2) pixels where offset columns come first, whose titles lack their commas
         count = glued[0].count("_offset")

@@ -51,8 +51,8 @@ def as_one(tell: Tell, name: str, seconds: Mapping[str, float]) -> Tell:
     Args:
         tell: Told of the whole.
         name: Of the whole.
-        seconds: Processor time of each stage, in order, as measured once; only their ratios count. A stage that is not
-            among them takes no time.
+        seconds: Processor time of each stage, in order, as measured once; only their ratios count. A stage that
+            nobody tells of is over when the next begins; one that is not among them takes no time.
     """
     total = sum(seconds.values())
     begins = dict(zip(seconds, accumulate(seconds.values(), initial=0.0), strict=False))

@@ -1,23 +1,26 @@
 """How often ``eal.compare`` calls the same movement different, and how often it sees a range that has changed.
 
-python -m benchmarks.compare [--quick] [--draws N] [--rows TEXT] --out DIR
+python -m benchmarks.compare [--quick] [--draws N] [--rows TEXT] [--peers] --out DIR
 
 A joint swings through its range, in degrees. What differs between trials of one animal is drawn for each: posture,
 range, or both; trials and animals of a and b may last longer or shorter, vary more or less, and be more or fewer. In
 rows of the null nothing else differs; in rows of power the reach of b is one standard deviation larger.
-``DIR/table.csv`` has a row for each: per cent of draws with p at most 0.05 and 0.01, with a band that is crossed, with
-intervals of the shift and of the ratio of variances that hold what was made, and with a p of variances at most 0.05.
+``DIR/draws.csv`` has a row for each draw (a run that ends early goes on there), ``DIR/table.csv`` one for each kind:
+per cent of draws with p at most 0.05 and 0.01, with a band that is crossed, with intervals of the shift and of the
+ratio of variances that hold what was made, and with a p of variances at most 0.05. ``--peers`` measures what the field
+uses on the same draws (``benchmarks.compare_peers``), in ``peers_draws.csv`` and ``peers.csv``.
 """
 
 import argparse
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from benchmarks.compare_peers import peers
 from eal import compare
 from eal.arrays import Array
 from eal.threads import one_blas_thread
@@ -133,23 +136,66 @@ ROWS = {
 }
 
 
-def measured(name: str, row: Row, draws: int) -> dict[str, object]:
-    """Shares over draws, in per cent."""
-    rng = np.random.default_rng(zlib.crc32(name.encode()))
-    found: dict[str, list[float]] = {key: [] for key in ("p05", "p01", "band", "shift", "ratio", "variance_p05")}
-    for _ in range(draws):
-        (a, of_a), (b, of_b) = row.a.draw(rng, "a"), row.b.draw(rng, "b")
-        one = compare(a, b, animals=(of_a, of_b) if row.named else None)
-        found["p05"].append(one.p_value <= 0.05)
-        found["p01"].append(one.p_value <= 0.01)
-        found["band"].append(bool(one.differs.any()))
-        found["shift"].append(one.shift_interval[0, 0] <= 0.0 <= one.shift_interval[0, 1])
-        low, high = np.log(one.variance_ratio_interval[0])
-        within = one.variance_of == "within trials"
-        made = np.log(_variance(row.b, within=within) / _variance(row.a, within=within))
-        found["ratio"].append(low <= made <= high)
-        found["variance_p05"].append(one.variance_p[0] <= 0.05)
-    return {"row": name, "kind": row.kind, "draws": draws, **{key: 100.0 * np.mean(x) for key, x in found.items()}}
+def drawn(name: str, row: Row, number: int) -> tuple[list[Array], list[Array], tuple[list[str], list[str]] | None]:
+    """Trials of a and of b of one draw, the same whoever asks, and whose each is where the row names animals."""
+    rng = np.random.default_rng([zlib.crc32(name.encode()), number])
+    (a, of_a), (b, of_b) = row.a.draw(rng, "a"), row.b.draw(rng, "b")
+    return a, b, (of_a, of_b) if row.named else None
+
+
+def judged(name: str, row: Row, number: int) -> dict[str, object]:
+    """What ``eal.compare`` says of one draw."""
+    a, b, animals = drawn(name, row, number)
+    one = compare(a, b, animals=animals)
+    low, high = np.log(one.variance_ratio_interval[0])
+    within = one.variance_of == "within trials"
+    made = np.log(_variance(row.b, within=within) / _variance(row.a, within=within))
+    return {
+        "row": name,
+        "draw": number,
+        "p": one.p_value,
+        "band": int(one.differs.any()),
+        "shift": int(one.shift_interval[0, 0] <= 0.0 <= one.shift_interval[0, 1]),
+        "ratio": int(low <= made <= high),
+        "variance_p": one.variance_p[0],
+    }
+
+
+def judged_by_peers(name: str, row: Row, number: int) -> dict[str, object]:
+    """What the methods of the field say of one draw."""
+    a, b, animals = drawn(name, row, number)
+    return {"row": name, "draw": number} | peers((a, b), (row.a.fps, row.b.fps), animals, number)
+
+
+def shares_of_peers(draws: pd.DataFrame) -> pd.DataFrame:
+    """A row for each kind of draws: per cent of those in which a method says something, and that is how often."""
+    found = []
+    for name, row in ROWS.items():
+        mine = draws[draws["row"] == name].drop(columns=["row", "draw"])
+        if len(mine):
+            says = {f"{key.removesuffix('_p05')}_says": mine[key].notna().mean() for key in mine if "_p05" in key}
+            values = {key: 100.0 * float(value) for key, value in (mine.mean().to_dict() | says).items()}
+            found.append({"row": name, "kind": row.kind, "draws": len(mine), **values})
+    return pd.DataFrame(found)
+
+
+def shares(draws: pd.DataFrame) -> pd.DataFrame:
+    """A row for each kind of draws, in per cent of them."""
+    found = []
+    for name, row in ROWS.items():
+        mine = draws[draws["row"] == name]
+        if len(mine):
+            yes = {
+                "p05": mine["p"] <= 0.05,
+                "p01": mine["p"] <= 0.01,
+                "band": mine["band"],
+                "shift": mine["shift"],
+                "ratio": mine["ratio"],
+                "variance_p05": mine["variance_p"] <= 0.05,
+            }
+            percent = {key: 100.0 * float(np.mean(value)) for key, value in yes.items()}
+            found.append({"row": name, "kind": row.kind, "draws": len(mine), **percent})
+    return pd.DataFrame(found)
 
 
 def _variance(group: Group, *, within: bool) -> float:
@@ -164,21 +210,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--draws", type=int, default=None)
+    parser.add_argument("--peers", action="store_true", help="what the field uses, on the same draws")
     parser.add_argument("--rows", default="", help="only rows whose name has this in it")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    draws = options.draws or (10 if options.quick else 400)
+    wanted = options.draws or (10 if options.quick else 400)
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = []
+    one, table, name = (judged_by_peers, shares_of_peers, "peers") if options.peers else (judged, shares, "")
+    path = options.out / f"{name}_draws.csv".lstrip("_")
     with one_blas_thread():
-        for name, row in ROWS.items():
-            if options.rows not in name:
-                continue
-            rows.append(measured(name, row, draws))
-            print(
-                ", ".join(f"{k} {v:.1f}" if isinstance(v, float) else f"{v}" for k, v in rows[-1].items()), flush=True
-            )
-            pd.DataFrame(rows).to_csv(options.out / "table.csv", index=False, float_format="%.4g")
+        for row in ROWS:
+            if options.rows in row:
+                _measure(row, wanted, path, one)
+                found = table(pd.read_csv(path))
+                mine = found[found["row"] == row]
+                print(mine.to_string(index=False, header=False, float_format="%.1f"), flush=True)
+                found.to_csv(options.out / f"{name or 'table'}.csv", index=False, float_format="%.4g")
+
+
+def _measure(row: str, wanted: int, path: Path, one: Callable[[str, Row, int], dict[str, object]]) -> None:
+    """Add the draws of a row that the file does not have."""
+    there = pd.read_csv(path) if path.is_file() else pd.DataFrame({"row": [], "draw": []})
+    done = set(there.loc[there["row"] == row, "draw"])
+    for number in range(wanted):
+        if number not in done:
+            found = pd.DataFrame([one(row, ROWS[row], number)])
+            found.to_csv(path, mode="a", header=not path.is_file(), index=False, float_format="%.6g")
 
 
 if __name__ == "__main__":

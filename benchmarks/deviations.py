@@ -41,9 +41,9 @@ from mocap.errors import CalibrationError
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import rate_points_for
 from mocap.kinematics.records import Rests
-from mocap.pipeline.job import run_job
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
 from mocap.recording import Recording
+from mocap.report.job import run_job
 from mocap.skeleton import Skeleton
 
 ANIMALS = {

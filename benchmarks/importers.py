@@ -23,11 +23,11 @@ import pandas as pd
 from eal.arrays import Array
 from mocap.cameras.camera import dlt_coefficients, stacked
 from mocap.cameras.triangulate import project
+from mocap.cleaning.triangulate_file import linear_in_blocks
 from mocap.errors import MocapError
 from mocap.io.dltdv import read_coefficients, write_coefficients
 from mocap.io.lines import metres
 from mocap.io.registry import read
-from mocap.pipeline.triangulate_file import linear_in_blocks
 from tests.mocap.rigs import ring
 
 MARKERS, CAMERAS = 34, 4

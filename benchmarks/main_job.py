@@ -12,10 +12,10 @@ from mocap.filters.hide import interior_gaps
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.score import compared
 
-from mocap.pipeline.demo import Animal, measured_demo
-from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
 from mocap.progress import Stages
 from mocap.recording import Recording
+from mocap.report.demo import Animal, measured_demo
+from mocap.tracking.tracking import learn_motion, seen_part, track, with_track
 
 METHODS = ("mixture", "eal", "eal_no_potential", "constant_velocity", "cubic", "linear")
 

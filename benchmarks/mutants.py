@@ -142,7 +142,10 @@ MUTANTS = (
     ),
     Mutant("mocap/cleaning/swapped_rays.py", "OUTLIERS = 0.01", "OUTLIERS = 0.02", f"{CLEANING} -k one_click"),
     Mutant(
-        "mocap/cleaning/clean.py", "0.25 * median, 8.0", "0.35 * median, 8.0", f"{CLEANING} -k quarter_of_its_length"
+        "mocap/cleaning/positions.py",
+        "0.25 * median, 8.0",
+        "0.35 * median, 8.0",
+        f"{CLEANING} -k quarter_of_its_length",
     ),
 )
 """The mutants; where one changes a threshold, by more than the cases on either side of it are from it."""

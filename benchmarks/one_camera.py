@@ -42,10 +42,10 @@ from scipy.special import logsumexp, softmax
 
 from eal.arrays import Z95, Array
 from mocap.cameras.origin import PixelOptions
+from mocap.cleaning.cleaning import clean
 from mocap.io.dvproject import read_project
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.tracking import marker_trial, seen_frames
+from mocap.reading.ideal_pixels import of_pixels
+from mocap.tracking.tracking import marker_trial, seen_frames
 
 POINTS = (
     *("t3L", "wstL", "t5L", "elbL", "shdL", "ankL", "nl", "str"),

@@ -27,7 +27,7 @@ from scipy.signal import butter, sosfiltfilt
 from eal.arrays import Z95, Array
 from eal.systems import GRAVITY_M_S2
 from mocap.kinematics.records import Rests
-from mocap.pipeline.arrays import from_arrays
+from mocap.reading.arrays import from_arrays
 from mocap.results.tracked import track
 
 EDGE = 5

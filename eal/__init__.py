@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
     from eal.lagrangian import LagrangianSystem, PenalisedModel
     from eal.potential import EmpiricalPotential, fit_potential, load_potential, usual_kernel
+    from eal.rotation_share import Mobility, mobility
     from eal.rotations import RotationKernel
     from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
     from eal.systems import constrained_acceleration
@@ -32,6 +33,7 @@ __all__ = [
     "LinearKernel",
     "Matern32Kernel",
     "Matern52Kernel",
+    "Mobility",
     "PenalisedModel",
     "ProductKernel",
     "Projection",
@@ -46,6 +48,7 @@ __all__ = [
     "fit_potential",
     "integrate_adaptive",
     "load_potential",
+    "mobility",
     "simulate",
     "system_from_energies",
     "usual_kernel",
@@ -60,6 +63,7 @@ _NAMES = {
     "eal.integrators": "integrate_adaptive simulate",
     "eal.kernels": "GaussianKernel Kernel LaplaceKernel Matern32Kernel Matern52Kernel",
     "eal.lagrangian": "LagrangianSystem PenalisedModel",
+    "eal.rotation_share": "Mobility mobility",
     "eal.potential": "EmpiricalPotential fit_potential load_potential usual_kernel",
     "eal.rotations": "RotationKernel",
     "eal.spectral": "Projection SpectralFilter Tail Tikhonov",

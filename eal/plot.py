@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 POINTS = 160
 """Of the grid in each coordinate; of the samples' range, on each side."""
+COLORS = "viridis_r"
+"""Of every potential: 0, where the data are, is yellow, and 1 dark violet."""
 SD_STEP = 0.1
 """Between the lines of equal standard deviation, where V is between 0 and 1. Chosen."""
 
@@ -59,7 +61,7 @@ def plot_potential(
         ax.set_ylabel("V_z")
         return ax
     v = potential.value(np.stack(np.meshgrid(*grid), axis=-1))
-    filled = ax.contourf(*(scale * axis for axis in grid), v, levels=np.linspace(0.0, 1.0, 21), cmap="viridis_r")
+    filled = ax.contourf(*(scale * axis for axis in grid), v, levels=np.linspace(0.0, 1.0, 21), cmap=COLORS)
     ax.plot(scale * samples[:, 0], scale * samples[:, 1], ".", color="black", markersize=1.5, alpha=0.5)
     coarse = [axis[:: POINTS // 40] for axis in grid]
     sd = deviation(np.stack(np.meshgrid(*coarse), axis=-1))

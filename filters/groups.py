@@ -95,9 +95,9 @@ def smooth_in_groups(
     model: PoseMotion,
     observations: Observations,
     t_s: Array,
+    *,
     groups: Sequence[Markers],
     smooth: Smooth,
-    *,
     rate_points: RatePoints | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Estimate:

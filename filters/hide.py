@@ -33,6 +33,11 @@ def gap_lengths(seen: Mask) -> NDArray[np.int64]:
     return out
 
 
+def length_bins(frames: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The first of ``GAP_FRAMES`` that a gap does not exceed, by its index; of a longer one their number."""
+    return np.searchsorted(np.array(GAP_FRAMES), frames, side="left")
+
+
 def interior_gaps(seen: Mask) -> Mask:
     """(T, M) True where a marker is not seen between its first and its last sighting."""
     before = np.logical_or.accumulate(seen, axis=0)

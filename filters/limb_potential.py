@@ -1,19 +1,45 @@
 """What the potentials of limbs say of every smoothed frame, kept while a smoother goes back in time."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 from mocap.filters.gaussian import Smoothed
-from mocap.filters.motion.base import MotionModel
-from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.records import Limb
+from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from eal.arrays import Array
 
+Limb = Mapping[str, NDArray[Any]]
+"""What a potential said of a limb (``LimbKeeper.estimates``)."""
 GRID = 60  # points along an edge of what is drawn
+OF_TIMES = ("state", "covariance", "at_state", "pull")
+"""What is of every frame."""
+
+
+class Held(Protocol):
+    """A motion model whose pose potentials hold."""
+
+    @property
+    def potentials(self) -> Sequence[PosePotential]:
+        """All."""
+        ...
+
+    @cached_property
+    def chains(self) -> int:
+        """Where the chains of markers begin in a state."""
+        ...
+
+    def root(self, states: Array, frame: int) -> tuple[Array, Array]:
+        """(S, 3, 3) axes of the root, and (S, 3) its place."""
+        ...
+
+    def moved(self, means: Array, residual: Array) -> Array:
+        """(S, M, 3) how markers move in axes of the root as coordinates do."""
+        ...
 
 
 @dataclass(eq=False)
@@ -22,22 +48,22 @@ class LimbKeeper:
 
     Attributes:
         model: The motion model.
+        names: The M markers, and what else has a velocity.
         limbs: Its potentials of limbs.
     """
 
-    model: PoseMotion
+    model: Held
+    names: Sequence[str]
     limbs: tuple[PosePotential, ...]
     _taken: list[list[tuple[Array, Array]]] = field(default_factory=list)
     _turned: list[Array] = field(default_factory=list)
     _means: list[Array] = field(default_factory=list)
 
     @staticmethod
-    def of(model: MotionModel) -> "LimbKeeper | None":
+    def of(model: Held, names: Sequence[str]) -> "tuple[LimbKeeper, ...]":
         """None where the model holds no limb by V_z."""
-        if not isinstance(model, PoseMotion):
-            return None
         limbs = tuple(p for p in model.potentials if p.children and p.potential is not None)
-        return LimbKeeper(model, limbs) if limbs else None
+        return (LimbKeeper(model, names, limbs),) if limbs else ()
 
     def take(self, frame: int, state: Smoothed) -> None:
         """One frame's smoothed state."""
@@ -49,7 +75,12 @@ class LimbKeeper:
             found.append((limb.mean + rows @ state.mean[: rows.shape[1]], state.of(limb.plane.T @ rows)))
         self._taken.append(found)
 
-    def estimates(self, names: Sequence[str]) -> dict[str, Limb]:
+    def values(self) -> dict[str, NDArray[Any]]:
+        """``limb``, the names of all limbs, and the ``limb_...`` of ``limb_values``."""
+        found = self.estimates()
+        return {"limb": np.array(list(found)), **limb_values(found)}
+
+    def estimates(self) -> dict[str, Limb]:
         """All limbs over all frames that were taken, each by the names of its root and its first joint.
 
         Coordinates are the two leading principal components of what V_z was learned from, the relative joint
@@ -63,9 +94,6 @@ class LimbKeeper:
         - ``pull`` (T, M, 3) minus the gradient of the filter's potential by the position of each marker, in the world,
           in 1/(m s), NaN of markers beside it; for V_z of joint angles, how each marker moves when the arc length of
           every angle changes by minus the gradient with respect to it.
-
-        Args:
-            names: The M markers, and what else has a velocity.
         """
         frames, turned, means = self._taken[::-1], np.array(self._turned[::-1]), np.array(self._means[::-1])
         out = {}
@@ -78,7 +106,7 @@ class LimbKeeper:
             place[children] = np.arange(len(children))
             samples = (limb.samples - limb.centre) @ limb.plane
             x, y, grid = _grid(limb, samples)
-            out[f"{names[limb.root]} to {names[children[0]]}"] = {
+            out[f"{self.names[limb.root]} to {self.names[children[0]]}"] = {
                 "x": x,
                 "y": y,
                 "value": grid,
@@ -106,3 +134,19 @@ def _grid(limb: PosePotential, samples: Array) -> tuple[Array, Array, Array]:
     lifted = limb.centre + points @ limb.plane.T + weight @ rest
     value = np.zeros(len(lifted)) if limb.potential is None else np.asarray(limb.potential.value(lifted))
     return x, y, value.reshape(GRID, GRID)
+
+
+def limb_values(limbs: Mapping[str, Limb]) -> dict[str, NDArray[Any]]:
+    """Limbs together: ``limb_...`` by what is said of each, one after the other, after times where it is of times.
+
+    Samples are padded with NaN to the most; of the map and of pulls in single precision.
+    """
+    most = max(len(limb["samples"]) for limb in limbs.values())
+    values: dict[str, NDArray[Any]] = {}
+    for name in next(iter(limbs.values())):
+        parts = [limb[name] for limb in limbs.values()]
+        if name == "samples":
+            parts = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=np.nan) for part in parts]
+        found = np.stack(parts, axis=1 if name in OF_TIMES else 0)
+        values[f"limb_{name}"] = found.astype(np.float32) if name in ("value", "pull") else found
+    return values

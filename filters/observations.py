@@ -65,6 +65,11 @@ class Observations(Protocol):
         """Number of frames."""
         ...
 
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """(T,) frames in which anything is seen."""
+        ...
+
     def sights(self, frame: int, mean: Array, cov: Array) -> Sights:
         """What is seen in a frame of markers predicted at (M, 3) with covariance (M, 3, 3)."""
         ...
@@ -104,6 +109,11 @@ class PixelObservations:
     def n_frames(self) -> int:
         """Number of frames."""
         return self.uv_px.shape[1]
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """(T,) frames in which anything is seen."""
+        return self._seen.any(axis=(0, 2)) | self._met.any(axis=1)
 
     @cached_property
     def _seen(self) -> NDArray[np.bool_]:
@@ -209,6 +219,11 @@ class PositionObservations:
         """Number of frames."""
         return len(self.xyz_m)
 
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """(T,) frames in which anything is seen."""
+        return np.isfinite(self.xyz_m[..., 0]).any(axis=1)
+
     def sights(self, frame: int, mean: Array, cov: Array) -> Sights:  # noqa: ARG002
         """Three rows for each marker that is seen."""
         marker = np.flatnonzero(np.isfinite(self.xyz_m[frame, :, 0]))
@@ -242,6 +257,11 @@ class WithBodies:
     def n_frames(self) -> int:
         """Number of frames."""
         return self.seen.n_frames
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """(T,) frames in which anything is seen."""
+        return self.seen.shown
 
     def sights(self, frame: int, mean: Array, cov: Array) -> Sights:
         """Those that are seen, and three rows for each marker that follows."""

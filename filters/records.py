@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 
-Limb = Mapping[str, NDArray[Any]]
-"""What a potential said of a limb (``filters.limb_potential.LimbKeeper.estimates``)."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Estimate:
@@ -25,18 +22,14 @@ class Estimate:
         cov_m2: (T, M, 3, 3) their covariance.
         observed: What a filter saw in each frame, and how it was believed; empty where nothing was filtered.
         rates: Velocities and joint covariances of what was asked for; None: nothing was, or the model has none.
-        angles: (2, T, F) joint angles that are the model's state, and their standard deviations; None: it has none.
-        energies: (T, 3) energy in J of the model's Lagrangian, its V_z and Theorem 3's bound; None: it has none.
-        limbs: What its potentials of limbs said, by limb (``filters.limb_potential``), where velocities were asked for.
+        own: What the model says of its own state, by names of its own (``filters.motion.base.MotionModel.own``).
     """
 
     xyz_m: Array
     cov_m2: Array
     observed: Sequence[Observed] = ()
     rates: Rates | None = None
-    limbs: Mapping[str, Limb] = field(default_factory=dict)
-    angles: Array | None = None
-    energies: Array | None = None
+    own: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def believed(self) -> NDArray[np.bool_]:

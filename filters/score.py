@@ -1,10 +1,10 @@
 """How estimates compare with what was hidden: the one score of learning, validation and benchmarks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from mocap.filters.hide import Hidden
+from mocap.filters.hide import GAP_FRAMES, Hidden, length_bins
 from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
@@ -23,6 +23,8 @@ class Score:
             without intervals.
         nll: Mean negative log likelihood of a coordinate (of all together, over their number; lengths in mm); NaN
             without covariances, or where one is not positive definite.
+        by_length_mm: The same as ``rmse_mm`` in gaps of up to as many frames as each of ``GAP_FRAMES``, and of more
+            than the length before it; NaN without samples. Empty where gaps are not told apart.
     """
 
     samples: int
@@ -30,9 +32,10 @@ class Score:
     coverage95: float
     z: float
     nll: float
+    by_length_mm: tuple[float, ...] = ()
 
     def as_json(self) -> dict[str, float | None]:
-        """``rmse_mm``, ``coverage95`` (per cent) and ``z`` for reports; None where not defined."""
+        """``rmse_mm``, ``coverage95`` (per cent), ``z`` for reports; None where not defined."""
         return {
             "rmse_mm": self.rmse_mm if np.isfinite(self.rmse_mm) else None,
             "coverage95": 100 * self.coverage95 if np.isfinite(self.coverage95) else None,
@@ -112,7 +115,10 @@ class Residuals:
 
     def score(self) -> Score:
         """The score, errors being those from measurements."""
-        return score(self.error_m, self.expected[..., None] * np.eye(self.error_m.shape[1]))
+        whole = score(self.error_m, self.expected[..., None] * np.eye(self.error_m.shape[1]))
+        bins = length_bins(self.length)
+        each = [score(self.error_m[bins == i], None).rmse_mm for i in range(len(GAP_FRAMES))]
+        return replace(whole, by_length_mm=tuple(each))
 
 
 def residuals_of(hidden: Hidden[MarkerTrial], xyz_m: Array, cov_m2: Array) -> Residuals:

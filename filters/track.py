@@ -6,24 +6,37 @@ angles and the Lagrangian are linearised by their derivatives.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
 
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
-from mocap.filters.groups import MOST_MARKERS, groups_of, smooth_in_groups
-from mocap.filters.limb_potential import LimbKeeper
+from mocap.filters.hide import GAP_FRAMES
 from mocap.filters.motion.base import Frame, MotionModel, Step
-from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import GATE_SD, Observed, observe, unused
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import RatePoints
+from numpy.typing import NDArray
 
-from eal.arrays import Array
+from eal.arrays import Array, true_runs
 from eal.threads import one_blas_thread
 
 Progress = Callable[[float], None]
+REMEMBERED = max(GAP_FRAMES)
+"""Frames without any sighting after which a motion is forgotten, and before which it is not foretold: the longest gap
+for which models learn how far they err."""
+
+
+def forgotten(shown: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(T,) frames that are more than ``REMEMBERED`` away from all of those (T,) in which anything is seen.
+
+    Before the first of these and after the last there are none: what may be kept there is for others to say.
+    """
+    out = np.zeros(len(shown), dtype=bool)
+    for start, stop in true_runs(~shown):
+        if start > 0 and stop < len(shown):
+            out[start + REMEMBERED : max(start, stop - REMEMBERED)] = True
+    return out
 
 
 def filter_frame(
@@ -66,7 +79,9 @@ def filter_forward(
     gate_sd: float = GATE_SD,
     progress: Progress | None = None,
 ) -> Iterator[Frame]:
-    """Filter frames, one after the other.
+    """Filter frames, one after the other; where a motion is ``forgotten``, from the initial state.
+
+    A state that is predicted for hundreds of frames grows until no number holds it.
 
     Args:
         model: Motion model.
@@ -78,8 +93,10 @@ def filter_forward(
         progress: Called with the share of all frames done.
     """
     state = model.initial() if before is None else before
+    anew = forgotten(observations.shown)
     for frame in range(observations.n_frames) if frames is None else frames:
-        step = Step(frame, round(float(t_s[frame] - t_s[frame - 1]), 12)) if frame else None
+        step = Step(frame, round(float(t_s[frame] - t_s[frame - 1]), 12)) if frame and not anew[frame] else None
+        state = model.initial() if anew[frame] else state
         filtered = filter_frame(model, observations, frame, state, step, gate_sd)
         state = filtered.state
         yield filtered
@@ -103,7 +120,7 @@ def smooth_back(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Smoothed, Arra
             cov = later[0].move.smoothed_cov(state.cov, later[1].cov)
             smoothed = Smoothed(smoothed.mean, cov, np.zeros_like(cov))
         yield frame, smoothed, adjoint.matrix
-        adjoint, later = frame.back(adjoint), (frame, smoothed)
+        adjoint, later = (None, None) if frame.move is None else (frame.back(adjoint), (frame, smoothed))
 
 
 def smooth(
@@ -133,17 +150,12 @@ def smooth(
         rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST_MARKERS:
-        one = partial(smooth, gate_sd=gate_sd, most_bytes=most_bytes)
-        return smooth_in_groups(
-            model, observations, t_s, groups_of(model), one, rate_points=rate_points, progress=progress
-        )
     n_frames, size = observations.n_frames, model.initial().cov.size
     length = max(2, int(most_bytes / (3 * 8 * size)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
-    xyz, cov, angles, energies = [], [], [], []
+    xyz, cov = [], []
     keeper = None if rate_points is None else RateKeeper(model, rate_points)
-    holder = None if rate_points is None else LimbKeeper.of(model)
+    own = model.own(() if rate_points is None else rate_points.names)
     with one_blas_thread():
         half = None if progress is None else (lambda share: progress(0.5 * share))
         before: list[Moments | None] = [None]
@@ -172,10 +184,8 @@ def smooth(
             view = model.view(shown.mean, frame)
             if keeper is not None:
                 keeper.take(frame, here, state, shown, matrix)
-            if holder is not None:
-                holder.take(frame, shown)
-            angles.append(model.angles_of(shown))
-            energies.append(model.energy_of(shown.mean, frame))
+            for one in own:
+                one.take(frame, shown)
             xyz.append(view.mean)
             cov.append(shown.markers(view))
             if progress is not None:
@@ -186,7 +196,5 @@ def smooth(
         cov_m2=np.array(cov[::-1]),
         observed=observed,
         rates=rates,
-        angles=None if angles[0] is None else np.moveaxis(np.array(angles[::-1]), 1, 0),
-        energies=None if energies[0] is None else np.array(energies[::-1]),
-        limbs={} if holder is None or rate_points is None else holder.estimates(rate_points.names),
+        own={name: of for one in own for name, of in one.values().items()},
     )

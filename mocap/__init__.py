@@ -9,22 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mocap.batches.run import Batch, batch, load_batch
+    from mocap.cleaning.cleaning import clean
     from mocap.digitising.digitised import Digitised, digitise
     from mocap.digitising.labelled import LabelledRecording, label
     from mocap.errors import MocapError
     from mocap.findings import Finding
     from mocap.io.format import Hints
-    from mocap.pipeline.arrays import from_arrays, from_pixels
-    from mocap.pipeline.cleaning import clean
-    from mocap.pipeline.learning import Model, learn, load_model
-    from mocap.pipeline.propose_skeleton import propose_skeleton
-    from mocap.pipeline.reading import read
+    from mocap.proposing.propose_skeleton import propose_skeleton
+    from mocap.reading.arrays import from_arrays, from_pixels
+    from mocap.reading.reading import read
     from mocap.recording import Recording
     from mocap.results.joint_comparison import compare_joints
+    from mocap.results.joint_mobility import mobility
     from mocap.results.many import learn_joints
     from mocap.results.tracked import Tracked, load, track
     from mocap.side_by_side import processes
     from mocap.skeleton import Skeleton
+    from mocap.tracking.learning import Model, learn, load_model
 
 __all__ = [
     "Batch",
@@ -49,6 +50,7 @@ __all__ = [
     "load",
     "load_batch",
     "load_model",
+    "mobility",
     "processes",
     "propose_skeleton",
     "read",
@@ -64,13 +66,14 @@ _PLACES = {  # the module of each public name
         "mocap.errors": "MocapError",
         "mocap.findings": "Finding",
         "mocap.io.format": "Hints",
-        "mocap.pipeline.arrays": "from_arrays from_pixels",
-        "mocap.pipeline.cleaning": "clean",
-        "mocap.pipeline.learning": "Model learn load_model",
-        "mocap.pipeline.propose_skeleton": "propose_skeleton",
-        "mocap.pipeline.reading": "read",
+        "mocap.reading.arrays": "from_arrays from_pixels",
+        "mocap.cleaning.cleaning": "clean",
+        "mocap.tracking.learning": "Model learn load_model",
+        "mocap.proposing.propose_skeleton": "propose_skeleton",
+        "mocap.reading.reading": "read",
         "mocap.recording": "Recording",
         "mocap.results.joint_comparison": "compare_joints",
+        "mocap.results.joint_mobility": "mobility",
         "mocap.results.many": "learn_joints",
         "mocap.results.tracked": "Tracked load track",
         "mocap.side_by_side": "processes",

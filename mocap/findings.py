@@ -48,7 +48,7 @@ class Kind(StrEnum):
     SWAPPED_CAMERAS = "swapped cameras", Harm.ALL, "tracks"
     MIRRORED_PIXELS = "mirrored pixels", Harm.ALL
     SHIFTED_PIXELS = "shifted pixels", Harm.ALL
-    MIRRORED_WORLD = "mirrored world", Harm.ALL
+    MIRRORED_WORLD = "mirrored world", Harm.ALL, "calibration"
     MIRRORED_CAMERA = "mirrored camera", Harm.ALL
     COPIED_CAMERAS = "copied cameras", Harm.ALL
     COPIED_PIXELS = "copied pixels", Harm.ALL
@@ -101,6 +101,7 @@ class Kind(StrEnum):
     MIRROR_IMAGE = "mirror image"
     UNLIKE_POSES = "unlike poses"
     WIDER_INTERVALS = "wider intervals"
+    UNKNOWN_POSITIONS = "unknown positions"
     ONE_TRIAL = "one trial"
     BONES_NOT_KEPT = "bones not kept"
 
@@ -162,9 +163,12 @@ def alarms(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def worst_first(findings: Iterable[Finding]) -> list[Finding]:
-    """Alarms, worst first, and then the rest in their order."""
-    found = list(findings)
-    return [*alarms(found), *(f for f in found if not f.alarm)]
+    """The order in which all commands tell them: alarms, worst first; what can be stated; the rest. None twice."""
+    once: dict[str, Finding] = {}
+    for one in sorted(findings, key=lambda f: not f.alarm):
+        once.setdefault(one.text, one)
+    rest = [f for f in once.values() if not f.alarm]
+    return [*alarms(once.values()), *(f for f in rest if f.asks), *(f for f in rest if not f.asks)]
 
 
 def readings(texts: Iterable[str], *, where: str = "") -> tuple[Finding, ...]:

@@ -393,7 +393,7 @@ class Recording:
 
     @property
     def edited(self) -> NDArray[np.bool_]:
-        """(T, M) samples that a person corrected (``mocap.pipeline.edits``)."""
+        """(T, M) samples that a person corrected (``mocap.reading.edits``)."""
         shape = self.data.sizes["time"], self.data.sizes["keypoint"]
         return self.data["edited"].values if "edited" in self.data else np.zeros(shape, dtype=bool)
 

@@ -3,16 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen, increasing, short_repr, unique
+from eal.arrays import Z95, Array, frozen, increasing, short_repr, unique
 from eal.over_time import OverTime, Time
 
-if TYPE_CHECKING:
-    pass
+PixelCorner = Literal["upper-left", "lower-left"]
+"""Of a picture, that rows of pixels are counted from."""
+BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
+LEAST_LIKELIHOOD = 0.6
+"""Clicks of a lower likelihood are not believed where no second camera tells what it is worth: DeepLabCut's cutoff."""
 
 
 class Status(IntEnum):
@@ -24,6 +27,15 @@ class Status(IntEnum):
     PREDICTED = 3  # by a motion model, before its first or after its last sighting
     SMOOTHED = 4  # by a motion model, between sightings: a filled gap
     REJECTED = 5  # a measurement was there and was not believed; the value, if any, is the model's
+
+
+def unknown(sd: Array, widest: float) -> NDArray[np.bool_]:
+    """Where nothing is known of a value: its 95 % interval is as wide as all that it can be.
+
+    The one rule of what is too uncertain to be written, drawn or averaged: of angles ``widest`` is the range of the
+    joint, of positions the length of the animal.
+    """
+    return sd > widest / (2 * Z95)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

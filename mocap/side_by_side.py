@@ -8,7 +8,6 @@ import os
 import pickle
 import signal
 import sys
-import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,6 +25,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Literal, TypeVar
 
+from mocap.ending import end_after, end_with
 from mocap.errors import MocapError
 
 Progress = Callable[[float], None]
@@ -68,42 +68,13 @@ class Lost(MocapError):
         return str(self.args[0])
 
 
-def end_with(pipe: int) -> None:
-    """End this process as soon as the other end of a pipe is closed: by hand, or by the end of whoever holds it.
-
-    Linux ends it, also where it hangs in a library that keeps Python's lock; elsewhere a thread does.
-
-    Args:
-        pipe: Number of its open file, into which nothing is written any more.
-    """
-    try:
-        import fcntl
-
-        fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
-        fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
-        fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
-    except (ImportError, AttributeError, OSError):
-        _end_after(lambda: os.read(pipe, 1))
-    else:
-        if wait([pipe], 0.0):  # it was closed before
-            os._exit(1)
-
-
 def _end_with_parent() -> None:
     parent = parent_process()
     assert parent is not None
     if sys.platform == "win32":  # where it is the handle of a process
-        _end_after(lambda: wait([parent.sentinel]))
+        end_after(lambda: wait([parent.sentinel]))
     else:
         end_with(parent.sentinel)
-
-
-def _end_after(waits: Callable[[], object]) -> None:
-    def watch() -> None:
-        waits()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _work(pipe: Connection) -> None:
@@ -360,7 +331,7 @@ _POOL: ContextVar[Pool | None] = ContextVar("_POOL", default=None)
 
 
 @contextmanager
-def opened(count: int, *, preload: str = "mocap.pipeline.job", most_bytes: float = inf) -> Iterator[Pool]:
+def opened(count: int, *, preload: str = "mocap.report.job", most_bytes: float = inf) -> Iterator[Pool]:
     """Processes, for as long as the context lasts.
 
     Args:

@@ -58,7 +58,7 @@ VARIABLES: Mapping[str, Variable] = {
     "status": Variable(
         SAMPLE, "", "read", "codes of `mocap.records.Status`: missing, measured, rejected, ...", codes(max(Status))
     ),
-    "edited": Variable(SAMPLE, "", "read", "samples that a person corrected (`mocap.pipeline.edits`)", TRUTH),
+    "edited": Variable(SAMPLE, "", "read", "samples that a person corrected (`mocap.reading.edits`)", TRUTH),
     "by_hand": Variable(RAY, "", "read", "pixels that a person placed; since `clean` where `believed` has them", TRUTH),
     "overruled": Variable((*RAY, "pixel"), "px", "read", "what the file has where a person placed a marker"),
     "ideal": Variable((*RAY, "pixel"), "px", "read", "pixels without lens, in step, in the coefficients' convention"),
@@ -78,6 +78,9 @@ VARIABLES: Mapping[str, Variable] = {
     "reprojected": Variable((*RAY, "pixel"), "px", "track", "smoothed positions in each camera, as `ideal`"),
     "innovation": Variable((*RAY, "pixel"), "px", "track", "measured minus predicted, before the update"),
     "used": Variable(RAY, "", "track", "pixels that took part in the estimate", TRUTH),
+    "unknown": Variable(
+        SAMPLE, "", "track", "left empty: the 95 % interval is as wide as the animal is long (`unknown_samples`)", TRUTH
+    ),
     "nis": Variable(("time",), "", "track", "normalised innovation squared of each frame", {"least": 0.0}),
     "n_rows": Variable(("time",), "", "track", "scalar observations used in each frame", codes(2**31)),
     "log_likelihood": Variable(("time",), "", "track", "log density of a frame's observations given those before"),

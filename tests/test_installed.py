@@ -98,7 +98,7 @@ from itertools import islice
 
 import datasets, eal, mocap, mocap.datasets, mocap.filters
 from mocap.cli.main import main
-from mocap.pipeline import demo
+from mocap.report import demo
 from mocap.plots import figures
 
 demo.run_demo, pictures = partial(demo.run_demo, n_frames=100), figures.pictures
@@ -336,7 +336,7 @@ def test_the_main_job_needs_no_extra_and_an_absent_one_is_named(tmp_path):
         "import importlib.util as u, sys\n"
         f"absent, find = {[*ABSENT, *OF_EXTRAS]}, u.find_spec\n"
         "sys.modules.update(dict.fromkeys(absent))\n"
-        "import mocap, mocap.results.tracked, mocap.pipeline.learning, mocap.rerun.record, mocap.pipeline.demo\n"
+        "import mocap, mocap.results.tracked, mocap.tracking.learning, mocap.rerun.record, mocap.report.demo\n"
         "u.find_spec = lambda n, *a: None if n in absent else find(n, *a)\n"
         "from mocap.cli.main import main\n"
         f"for sys.argv in {commands}:\n"

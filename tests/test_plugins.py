@@ -47,8 +47,8 @@ import numpy as np
 import mocap, eal
 from mocap.filters.models.registry import MODELS, NAMED
 from mocap.io.registry import read
-from mocap.pipeline.job import MODELS as NAMES
-from mocap.pipeline.summary import method
+from mocap.tracking.track_part import MODELS as NAMES
+from mocap.report.summary import method
 from mocap.rerun.tabs.registry import TABS
 from birdlab import RationalKernel
 

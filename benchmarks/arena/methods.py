@@ -11,9 +11,9 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.arena.flights import FPS, PAIRS, Flight
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.cleaning.cleaned import cleaned
 from mocap.cleaning.swaps import Swap
-from mocap.pipeline.cleaned import cleaned
-from mocap.pipeline.job import run_job
+from mocap.report.job import run_job
 
 LEAST = 0.475
 """Clicks of lower likelihood are left out, as the authors of the flights do."""

@@ -124,10 +124,10 @@ def tracking(files: Path) -> list[Case]:
     from mocap.datasets.lizards import make_lizard
     from mocap.filters.model import learn_model
 
-    from mocap.pipeline.cleaning import clean
-    from mocap.pipeline.job import run_job
-    from mocap.pipeline.tracking import marker_trial, seen_part
+    from mocap.cleaning.cleaning import clean
+    from mocap.report.job import run_job
     from mocap.reproduce.fig_penalty import figure_14a
+    from mocap.tracking.tracking import marker_trial, seen_part
 
     twin = make_lizard(seed=0, n_frames=150)
     paths = write_recording(twin, files / "twin")
@@ -140,13 +140,13 @@ def tracking(files: Path) -> list[Case]:
     base = [str(paths["pixels"]), "--dlt", str(paths["coefficients"]), "--fps", f"{twin.fps:g}"]
     ask = ["--skeleton", str(paths["skeleton"]), "--out", "OUT", "--force"]
     return [
-        Case("track", ("track", *base, *ask), patches={"mocap.pipeline.job.run_job": lambda *_, **__: run}),
+        Case("track", ("track", *base, *ask), patches={"mocap.report.job.run_job": lambda *_, **__: run}),
         Case(
             "demo", ("demo", "--out", "OUT", "--force"),
-            patches={"mocap.pipeline.demo.run_demo": lambda *_, **__: run[0]},
+            patches={"mocap.report.demo.run_demo": lambda *_, **__: run[0]},
         ),
         Case(
-            "learn", ("learn", *base, *ask), "r.npz", {"mocap.pipeline.learning.learn_from": lambda *_, **__: learned}
+            "learn", ("learn", *base, *ask), "r.npz", {"mocap.tracking.learning.learn_from": lambda *_, **__: learned}
         ),
         Case(
             "reproduce", ("reproduce", "14a", "--out", "OUT", "--force"),
@@ -161,7 +161,7 @@ def showing(files: Path) -> list[Case]:
 
     from mocap.datasets.lizards import make_lizard
 
-    from mocap.pipeline.job import run_job
+    from mocap.report.job import run_job
     from mocap.rerun.record import write_recording as write_rrd
     from mocap.rerun.viewer import open_viewer
     from mocap.results.tables import write_run

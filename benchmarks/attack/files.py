@@ -31,11 +31,11 @@ from scipy.io import savemat
 import mocap
 from benchmarks.attack.mutants import damaged, kinds
 from mocap.audit.inspect import inspect
+from mocap.cleaning.cleaning import clean
 from mocap.errors import FormatError, MocapError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Hints
 from mocap.io.registry import read, write
-from mocap.pipeline.cleaning import clean
 
 SECONDS = 60.0
 """A file of these sizes that takes longer hangs; readers that start a process give up after 20 s."""

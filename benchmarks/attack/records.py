@@ -41,12 +41,12 @@ from mocap.errors import MocapError
 from mocap.io.anipose import read_calibration, read_lenses, write_lenses
 from mocap.io.contents import point_recording
 from mocap.io.registry import read, write
-from mocap.pipeline.job import run_job
-from mocap.pipeline.model_file import load_model, save_model
+from mocap.report.job import run_job
 from mocap.results.stored import read_recording
 from mocap.results.tables import write_run
 from mocap.skeleton import quoted
 from mocap.skeleton_files import read_skeleton
+from mocap.tracking.model_file import load_model, save_model
 
 Tampering = Callable[[Any], Any]
 DIGITS = "9" * 100_000

@@ -6,8 +6,7 @@ from typing import Protocol, runtime_checkable
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera
-from mocap.cameras.origin import PixelCorner
-from mocap.records import PixelTracks
+from mocap.records import PixelCorner, PixelTracks
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

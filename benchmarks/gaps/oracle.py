@@ -21,7 +21,7 @@ from benchmarks.gaps.method import Filler, Trial
 from benchmarks.gaps.ours import Ours
 from benchmarks.gaps.prepared import recording
 from eal.arrays import Array
-from mocap.pipeline.tracking import marker_trial, seen_frames
+from mocap.tracking.tracking import marker_trial, seen_frames
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,8 +15,8 @@ from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
 from eal.arrays import Array
-from mocap.pipeline.job import run_job
-from mocap.pipeline.learning import learn_from
+from mocap.report.job import run_job
+from mocap.tracking.learning import learn_from
 
 
 def effort() -> Effort:

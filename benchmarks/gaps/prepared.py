@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.gaps.method import Film, Trial
 from mocap.cameras.origin import PixelOptions
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.cleaning.cleaning import clean
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton

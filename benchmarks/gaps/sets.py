@@ -37,7 +37,7 @@ Choices:
   the elbow to 4 to 7 %, of the elbow from the shoulder to 6 to 22 %.
 - Blocks of one recording are not independent trials: in ``mouse``, ``snake_gap`` and ``gait`` training knows the same
   animal on the same day. All twins of a set are one animal (same bones) in other motion.
-- ``sd_m`` is estimated from fourth differences in time (``mocap.cleaning.clean.position_sd``) over all
+- ``sd_m`` is estimated from fourth differences in time (``mocap.cleaning.positions.position_sd``) over all
   trials of a set, and taken as ``LEAST_SD_M`` where it is less: the mouse of Qualisys seems to be smoothed,
   to 0.003 mm.
 """
@@ -54,13 +54,13 @@ from benchmarks.gaps import twins
 from benchmarks.gaps.method import Film, Trial
 from benchmarks.gaps.takes import Take, believed, blocks, trials_of
 from eal.arrays import Array
+from mocap.cleaning.cleaning import clean
 from mocap.io.c3d import read_c3d
 from mocap.io.dvproject import read_project
 from mocap.io.optical_csv import read_vicon
 from mocap.io.qualisys import read_mat, read_tsv
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.decided import decided
-from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.reading.decided import decided
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.records import Status
 from mocap.skeleton import Skeleton
 

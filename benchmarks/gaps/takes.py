@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.gaps.method import Film, Trial
 from eal.arrays import Array
-from mocap.cleaning.clean import clean, position_sd
+from mocap.cleaning.positions import clean, position_sd
 from mocap.skeleton import Skeleton
 
 LEAST_SD_M = 1e-5

@@ -6,10 +6,10 @@ from tempfile import TemporaryDirectory
 
 from PIL import Image
 
-from mocap.pipeline.demo import Animal, run_demo
-from mocap.pipeline.result import Result
 from mocap.progress import Stages
+from mocap.report.demo import Animal, run_demo
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
+from mocap.tracking.result import Result
 from tests.mocap.rerun.headless import Headless
 
 SIZE = (1600, 1000)

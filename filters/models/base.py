@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Protocol
 
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.bones import rigid_bones, sized_like
@@ -105,10 +105,26 @@ class FittedMotion:
             progress: Called with the share done.
         """
         if self.rigid is None or not self.rigid.filled.any():
-            return smooth(self.motion, observations, self.t_s, rate_points=rate_points, progress=progress)
+            return self.smoothed(observations, rate_points=rate_points, progress=progress)
         both = WithBodies(seen=observations, xyz_m=self.rigid.xyz_m, cov_m2=self.rigid.cov_m2)
-        found = smooth(self.motion, both, self.t_s, rate_points=rate_points, progress=progress)
+        found = self.smoothed(both, rate_points=rate_points, progress=progress)
         return replace(found, cov_m2=self.rigid.with_lasting(found.xyz_m, found.cov_m2, observations))
+
+    def smoothed(
+        self, observations: Observations, *, rate_points: RatePoints | None, progress: Progress | None
+    ) -> Estimate:
+        """The same by what is observed alone, without rigid bodies."""
+        return smooth(self.motion, observations, self.t_s, rate_points=rate_points, progress=progress)
+
+
+class Fitted(Protocol):
+    """What was fitted to trials and fills the last of them; the one face of all models, a filter or none."""
+
+    def fill(
+        self, observations: Any, *, rate_points: RatePoints | None = None, progress: Progress | None = None
+    ) -> Estimate:
+        """Where the markers of the last trial are; arguments as of ``FittedMotion.fill``."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -121,7 +137,7 @@ class TrajectoryModel(ABC):
         """The model in a few words."""
 
     @abstractmethod
-    def fit(self, trials: TrialSet) -> FittedMotion:
+    def fit(self, trials: TrialSet) -> Fitted:
         """Learn from trials, among them the one to fill."""
 
     def applies(self, anatomy: Anatomy) -> bool:  # noqa: ARG002

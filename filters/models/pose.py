@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
-from mocap.filters.groups import MOST_MARKERS, groups_of, part_of
-from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.groups import MOST_MARKERS, groups_of, part_of, smooth_in_groups
+from mocap.filters.models.base import FittedMotion, Progress, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
@@ -17,8 +17,10 @@ from mocap.filters.motion.potential import Bones, PosePotential, Pull
 from mocap.filters.motion.shape import LinearShape, RecordedMotion, joined, linear_shape
 from mocap.filters.observations import Observations, PositionObservations, some_markers
 from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, radian, residual_memory_s, shapes_of
+from mocap.filters.records import Estimate
 from mocap.filters.roughness import marker_rates, out_of_sample
-from mocap.filters.track import filter_forward
+from mocap.filters.track import filter_forward, smooth
+from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -35,6 +37,28 @@ WEIGHT = 4.0
 """Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units of the log
 density (``with_potential``). Of 1, 4 and 16 measured (docs/experiments/stiffness.md,
 potential_of_limbs.md)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedGroups(FittedMotion):
+    """A pose model of many markers, which are filtered in groups (``filters.groups``)."""
+
+    motion: PoseMotion
+
+    def smoothed(
+        self, observations: Observations, *, rate_points: RatePoints | None, progress: Progress | None
+    ) -> Estimate:
+        """Each group by itself."""
+        groups = groups_of(self.motion)
+        return smooth_in_groups(
+            self.motion,
+            observations,
+            self.t_s,
+            groups=groups,
+            smooth=smooth,
+            rate_points=rate_points,
+            progress=progress,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +113,9 @@ class PoseSettings(TrajectoryModel):
         """Learn subspace, mechanics and potential from all trials, for the last one."""
         model = self._learned(trials)
         model = with_noise(model, self.process_noise or likely_noise(model, trials))
-        return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s, trials.rigid)
+        many = len(model.subspace.mean) > 3 * MOST_MARKERS
+        whole, t_s = replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s
+        return FittedGroups(whole, t_s, trials.rigid) if many else FittedMotion(whole, t_s, trials.rigid)
 
     def _learned(self, trials: TrialSet) -> PoseMotion:
         """Without regression, and with the process noise of the mechanics; once for all that ask."""

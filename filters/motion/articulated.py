@@ -1,10 +1,13 @@
 """Motion of an animal of rigid segments: joint angles in place of marker positions are the state."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, Smoothed, View
+from mocap.filters.motion.base import Keeper
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.tree import STEP_RAD, Posed, Tree, left_jacobian
 from numpy.typing import NDArray
@@ -14,6 +17,39 @@ from eal.arrays import Array, skew
 BENT_RAD = 0.1
 """Rotations by less than so many radians move markers along nearly straight lines: off them by
 1 - cos 0.1 = 0.5 % of the segment."""
+
+
+@dataclass(eq=False)
+class AngleKeeper:
+    """Joint angles of every smoothed frame (``filters.motion.base.Keeper``), and the segments between the joints.
+
+    Attributes:
+        model: The motion model.
+    """
+
+    model: "ArticulatedMotion"
+    _taken: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def take(self, frame: int, state: Smoothed) -> None:  # noqa: ARG002
+        """One frame's angles."""
+        self._taken.append(self.model.angles_of(state))
+
+    def values(self) -> dict[str, NDArray[Any]]:
+        """``angle_rad`` and ``angle_sd_rad`` (T, F).
+
+        Of the J segments ``segment_length`` and ``segment_length_sd`` (J,), ``segment_ends`` (J, 2), their markers, and
+        ``freedoms`` (J,), how many angles each has.
+        """
+        model = self.model
+        mean, sd = (np.array(one[::-1]) for one in zip(*self._taken, strict=True))
+        return {
+            "angle_rad": mean,
+            "angle_sd_rad": sd,
+            "segment_length": model.length_m,
+            "segment_length_sd": model.length_sd_m,
+            "segment_ends": model.ends,
+            "freedoms": np.bincount(model.tree.joint, minlength=len(model.ends)),
+        }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,6 +119,10 @@ class ArticulatedMotion(PoseMotion):
         bent = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T
         e = self.parts[2]
         return (bent + states[:, e] if e.stop > e.start else bent) / self.arm_m
+
+    def own(self, names: Sequence[str]) -> tuple[Keeper, ...]:
+        """Also its joint angles."""
+        return (*super().own(names), AngleKeeper(self))
 
     def angles_of(self, state: Smoothed) -> tuple[Array, Array]:
         """Mean (F,) and standard deviation (F,) of the joint angles of a state, without whole turns of a joint."""

@@ -1,12 +1,13 @@
 """What every motion model answers."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.observe import Observed
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 
@@ -70,6 +71,18 @@ class Frame:
         for update in self.updates:
             rows = update.carry(rows)
         return rows
+
+
+class Keeper(Protocol):
+    """Takes the smoothed frames of a recording, from the last to the first."""
+
+    def take(self, frame: int, state: Smoothed) -> None:
+        """One frame's smoothed state."""
+        ...
+
+    def values(self) -> Mapping[str, NDArray[Any]]:
+        """What is kept of all frames that were taken, by name; times come first where it is of times."""
+        ...
 
 
 class MotionModel(ABC):
@@ -174,13 +187,13 @@ class MotionModel(ABC):
         """
         return None
 
-    def angles_of(self, state: Smoothed) -> tuple[Array, Array] | None:  # noqa: ARG002
-        """Mean and standard deviation of the joint angles of a state; None: it has none, here."""
-        return None
+    def own(self, names: Sequence[str]) -> "Sequence[Keeper]":  # noqa: ARG002
+        """Who keeps what the model says of its own state while a smoother goes back; here nobody.
 
-    def energy_of(self, mean: Array, frame: int) -> tuple[float, float, float] | None:  # noqa: ARG002
-        """Energy in J of a state, its V_z, and Theorem 3's bound of that; None: it is no Lagrangian, here."""
-        return None
+        Args:
+            names: The M markers, and what else has a velocity; empty: no velocity is asked for.
+        """
+        return ()
 
     def informed(self, state: Smoothed) -> Smoothed:
         """A smoothed state of a frame in which nothing is seen, with what is known of any frame; here nothing."""

@@ -1,14 +1,16 @@
 """Motion of an animal of rigid segments by its own Lagrangian."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from mocap.filters.animal import Animal, Moving
 from mocap.filters.errors import FilterError
-from mocap.filters.gaussian import Moments, Move
+from mocap.filters.gaussian import Moments, Move, Smoothed
 from mocap.filters.motion.articulated import ArticulatedMotion
-from mocap.filters.motion.base import Step, Steps
+from mocap.filters.motion.base import Keeper, Step, Steps
 from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
@@ -16,6 +18,26 @@ from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array, skew
 from eal.integrators import IntegrationError
+
+
+@dataclass(eq=False)
+class EnergyKeeper:
+    """The energies of every smoothed frame (``filters.motion.base.Keeper``).
+
+    Attributes:
+        model: The motion model.
+    """
+
+    model: "LagrangianMotion"
+    _taken: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def take(self, frame: int, state: Smoothed) -> None:
+        """One frame's energies."""
+        self._taken.append(self.model.energy_of(state.mean, frame))
+
+    def values(self) -> dict[str, NDArray[Any]]:
+        """``energies`` (T, 3), as of ``LagrangianMotion.energy_of``."""
+        return {"energies": np.array(self._taken[::-1])}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -166,6 +188,10 @@ class LagrangianMotion(ArticulatedMotion):
         sd[shape], sd[g], sd[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
         sd[self.slip] = np.repeat(self.slip_sd, 3)
         return Moments(np.zeros(len(sd)), np.diag(sd**2))
+
+    def own(self, names: Sequence[str]) -> tuple[Keeper, ...]:
+        """Also its energies."""
+        return (*super().own(names), EnergyKeeper(self))
 
     def energy_of(self, mean: Array, frame: int) -> tuple[float, float, float]:
         """Of a state's mean: energy in J (``Animal.energy_j``), V_z, and what V_z stays below if released there."""

@@ -1,6 +1,6 @@
 """Motion of the whole pose: a subspace of shapes, a body that moves, a potential that holds the shape."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import cos, sin, sqrt
@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
-from mocap.filters.motion.base import MotionModel, Step, Steps
+from mocap.filters.limb_potential import LimbKeeper
+from mocap.filters.motion.base import Keeper, MotionModel, Step, Steps
 from mocap.filters.motion.potential import (
     Bones,
     Coordinates,
@@ -372,6 +373,10 @@ class PoseMotion(MotionModel):
     def moved(self, means: Array, residual: Array) -> Array:  # noqa: ARG002
         """(S, M, 3) by how much markers move in the axes of the root, of states (S, n), for changes (S, D) of e."""
         return residual.reshape(len(residual), -1, 3)
+
+    def own(self, names: Sequence[str]) -> tuple[Keeper, ...]:
+        """What potentials say of limbs that they hold, where velocities are asked for."""
+        return LimbKeeper.of(self, names) if names else ()
 
     def informed(self, state: Smoothed) -> Smoothed:
         """The shape and its velocity are some that were recorded."""

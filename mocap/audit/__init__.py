@@ -7,6 +7,7 @@ camera offsets go out: nothing is corrected here. It touches no file but those t
 from mocap.audit.audit import Audit, audit_filmed, audit_recording, audited, origin_finding
 from mocap.audit.geometry import HiddenLens, fit_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras, moved, start_offsets
+from mocap.audit.rate import rate_findings
 from mocap.audit.samples import Jump, jump_findings, jumps, of_jumps, pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, other_world, stale_points
 from mocap.findings import Finding, alarms
@@ -34,6 +35,7 @@ __all__ = [
     "other_world",
     "pixel_findings",
     "point_findings",
+    "rate_findings",
     "stale_points",
     "start_offsets",
 ]

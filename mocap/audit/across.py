@@ -5,14 +5,15 @@ Facts are a few numbers of each trial, which a batch keeps with its results; not
 
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from math import exp, isfinite, log
+from dataclasses import dataclass, field
+from math import exp, isfinite, isnan, log
 from typing import Any
 
 import numpy as np
 
 from eal.arrays import Array
 from mocap.findings import Finding, Kind
+from mocap.json_records import plain, record
 from mocap.text import number_of
 
 SAME_RATE = 1.02
@@ -41,6 +42,7 @@ class TrialFacts:
         fps: Frames a second; NaN: not known.
         markers: Names of its markers that are ever seen.
         cameras: Names of its cameras, in their order.
+        rig: What tells its calibration from others; empty: it has none.
         unit: Unit of lengths, as read.
         mirrored: Whether its world is left-handed; None: it cannot be told.
         lengths_m: Median distance between two markers, by ``a|b`` in the order of their names.
@@ -58,6 +60,7 @@ class TrialFacts:
     fps: float = float("nan")
     markers: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
+    rig: str = ""
     unit: str = ""
     mirrored: bool | None = None
     lengths_m: Mapping[str, float] = field(default_factory=dict)
@@ -74,15 +77,18 @@ class TrialFacts:
         return float(np.median(list(self.lengths_m.values()))) if self.lengths_m else float("nan")
 
     def as_json(self) -> dict[str, Any]:
-        """For files."""
-        return asdict(self) | {"lengths_m": dict(self.lengths_m)}
+        """For files; numbers that are not known are left out, or 0 among those of cameras."""
+        known = {key: value for key, value in plain(self).items() if not (isinstance(value, float) and isnan(value))}
+        return known | {"camera_px": [px if isfinite(px) else 0.0 for px in self.camera_px]}
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> "TrialFacts":
-        """From what ``as_json`` gave."""
-        tuples = ("markers", "cameras", "camera_px", "stated")
-        values: dict[str, Any] = {key: tuple(value) if key in tuples else value for key, value in data.items()}
-        return cls(**values)
+    def from_json(cls, data: Any) -> "TrialFacts":
+        """From what ``as_json`` gave.
+
+        Raises:
+            FormatError: it is not that.
+        """
+        return record(cls, data, "facts")
 
 
 def median_lengths(names: Sequence[str], xyz_m: Array, *, most: int = 30) -> dict[str, float]:
@@ -211,8 +217,13 @@ def _size(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
 
 def _cameras(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
     theirs = _agreed([other.cameras for other in others])
-    if not isinstance(theirs, tuple) or theirs == one.cameras or not (theirs and one.cameras):
+    if not isinstance(theirs, tuple) or not (theirs and one.cameras):
         return []
+    if theirs == one.cameras:
+        rig = _agreed([other.rig for other in others])
+        if not (rig and one.rig) or rig == one.rig:
+            return []
+        return [_odd("calibration", f"another one than {_siblings(others)}", alarm=False)]
     if sorted(theirs) == sorted(one.cameras):
         text = f"{', '.join(one.cameras)} in this order, {_siblings(others)} {', '.join(theirs)}"
         return [_odd("cameras", f"{text}: give its files in the same order", alarm=True, mends=("tracks",))]

@@ -114,8 +114,7 @@ def audited(
         first: Frames of the recording before these.
     """
     found = [*pixel_findings(pixels), origin_finding(decision)]
-    certain = decision.stated or decision.matters
-    found += camera_findings(cameras, y_up=decision.coefficients == "lower-left" if certain else None)
+    found += camera_findings(cameras, y_up=decision.y_up)
     late = offset_findings(cameras, ideal_px)
     explained = [f for f in late if f.alarm and 3 * f.numbers["after_px"] < f.numbers["before_px"]]
     alien = [] if explained else foreign(cameras, ideal_px)

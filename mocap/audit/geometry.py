@@ -47,31 +47,44 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
                 )
     mirrored = [p.mirrored for p in parts]
     if any(mirrored) != all(mirrored):
-        fewer = [c.name for c, m in zip(cameras, mirrored, strict=True) if m == (sum(mirrored) * 2 <= len(mirrored))]
+        halves = 2 * sum(mirrored) == len(mirrored)  # either may be the mirrored one
+        odd = 2 * sum(mirrored) < len(mirrored)
+        fewer = [c.name for c, m in zip(cameras, mirrored, strict=True) if m == odd or halves]
         found.append(
             alarm(
                 kind=Kind.MIRRORED_CAMERA,
-                text=f"the calibration of {', '.join(map(repr, fewer))} is mirrored relative to the other cameras: "
-                "right if it films in a mirror, else its pixel rows were counted from another corner",
+                text=(
+                    f"the calibrations of {_sides(cameras, mirrored)} are mirrored relative to each other: "
+                    if halves
+                    else f"the calibration of {', '.join(map(repr, fewer))} is mirrored relative to the other cameras: "
+                )
+                + "right if one films in a mirror, else its pixel rows were counted from another corner",
                 cameras=tuple(fewer),
             )
         )
     elif mirrored[0] and y_up is not True:
         text = (
-            "the world is mirrored (left-handed): left and right are swapped in all results"
+            "the world is mirrored (left-handed): left and right are swapped in all results: give a `calibration` "
+            "with right-handed axes"
             if y_up is False
             else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state "
             "`origin`"
         )
-        mends = ("origin",) if y_up is None else ()
+        mends = ("origin",) if y_up is None else None
         found.append(Finding(kind=Kind.MIRRORED_WORLD, alarm=y_up is False, text=text, mends=mends))
     elif y_up and not mirrored[0]:
         text = (
             "the world is mirrored (left-handed), because pixel rows are counted from the lower left: left and "
-            "right are swapped"
+            "right are swapped: state `origin` if they are not, or give a `calibration` with right-handed axes"
         )
-        found.append(alarm(kind=Kind.MIRRORED_WORLD, text=text))
+        found.append(alarm(kind=Kind.MIRRORED_WORLD, text=text, mends=("origin", "calibration")))
     return found
+
+
+def _sides(cameras: Sequence[Camera], mirrored: Sequence[bool]) -> str:
+    """Half of the cameras, and the other half."""
+    sides = [[repr(c.name) for c, m in zip(cameras, mirrored, strict=True) if m == side] for side in (True, False)]
+    return " and of ".join(", ".join(side) for side in sides)
 
 
 def handedness(cameras: Sequence[Camera], *, y_up: bool) -> bool | None:

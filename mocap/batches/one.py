@@ -9,16 +9,16 @@ from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, ke
 from mocap.errors import MocapError, OutputError
 from mocap.io.contents import gaps
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LONG
-from mocap.pipeline.learning import Model, load_model
-from mocap.pipeline.report import readable
-from mocap.pipeline.report_part import Report
 from mocap.progress import Tell, silent
 from mocap.recording import Recording
 from mocap.records import Status
+from mocap.report.report import readable
 from mocap.results.long_result import write_in_blocks
 from mocap.results.tables import write_report
 from mocap.results.tracked import Tracked, track
+from mocap.tracking.blocks import LONG
+from mocap.tracking.learning import Model, load_model
+from mocap.tracking.report_part import Report
 
 
 def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = False, progress: Tell = silent) -> Record:

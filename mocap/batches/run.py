@@ -38,18 +38,18 @@ from mocap.batches.summary import (
 from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, key_of, read_record, some, why_failed
 from mocap.batches.worker import failed, track_here
 from mocap.cameras.origin import OriginError
+from mocap.cleaning.cleaning import clean
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io.output import result_file
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.job import MODELS, existing_model
-from mocap.pipeline.learning import Model, learn_from
-from mocap.pipeline.reading import of_session
+from mocap.reading.reading import of_session
 from mocap.recording import Recording
 from mocap.results.cycle_table import CycleTable, stored_table
 from mocap.results.tracked import Tracked, load
 from mocap.schema import Entry, checked
 from mocap.side_by_side import Hear, Lost, NoProcess, Pool
+from mocap.tracking.learning import Model, learn_from
+from mocap.tracking.track_part import MODELS, existing_model
 
 PathText = str | PathLike[str]
 LEARN = "learn"

@@ -21,9 +21,9 @@ from mocap.io.crop import crops_beside
 from mocap.io.lines import not_split
 from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
 from mocap.recording import Recording
-from mocap.results.stored import RECORDING
+from mocap.results.files import RECORDING
 from mocap.schema import Entry, Schema, checked
 
 _YES = ("true", "yes", "1", "wahr", "vrai", "verdadero", "vero", "waar")

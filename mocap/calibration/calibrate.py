@@ -23,8 +23,8 @@ from mocap.io.csv_table import has_titles, read_table
 from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, read
-from mocap.pipeline.decided import decided
-from mocap.pipeline.ideal_pixels import with_rays, without_lens
+from mocap.reading.decided import decided
+from mocap.reading.ideal_pixels import with_rays, without_lens
 from mocap.recording import Recording
 from mocap.records import PixelTracks
 from mocap.text import plain

@@ -8,7 +8,6 @@ tens of pixels; one whose lens is applied upside down by a few.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
 
 import numpy as np
 
@@ -18,9 +17,8 @@ from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by
 from mocap.cameras.camera import Camera, flipped, may_be_cropped, stacked, undistorted
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.errors import CalibrationError, MocapError
+from mocap.records import BOTH, PixelCorner
 
-PixelCorner = Literal["upper-left", "lower-left"]
-BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 CLEARLY = 1.2
 """A choice is clear where the next best leaves a residual so many times as large. Chosen: errors of
 focal lengths of 0.5 % look like distortion, and lower it by as much (docs/experiments/audit_measured.md)."""
@@ -95,6 +93,16 @@ class PixelOrigin:
     next_px: float
     guessed: bool = False
     usual: bool = False
+
+    @property
+    def y_up(self) -> bool | None:
+        """Whether the coefficients count rows from the lower left; None: nobody states it, and nothing depends on it.
+
+        It is known where the user states the corner, where the program that wrote the pixels has one, and where another
+        would give other points.
+        """
+        known = self.stated or self.matters or self.usual
+        return self.coefficients == "lower-left" if known else None
 
     def describe(self) -> str:
         """One sentence for reports."""

@@ -1,5 +1,5 @@
-"""Cleaning: outliers and identity switches in tracks, and the noise of cameras, markers and points.
+"""Cleaning: what is not believed in a recording, put right or marked, and the noise of what is.
 
-Pixels and positions come in, as arrays. Masks of what is not believed, exchanged names, deviations and slow errors go
-out. It touches no file.
+A recording comes in, pixels or positions. It goes out with positions, their deviations, and a reason for every sample
+that is not believed. It touches no file.
 """

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
-from mocap.cleaning.clean import medians
 from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.cleaning.positions import medians
 from mocap.filters.poses import INDEPENDENT
 
 Mask = NDArray[np.bool_]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mocap.cli.console import in_options, program, show, show_text, typed
-from mocap.pipeline.summary import better, error_lines, length_line, notes
+from mocap.report.summary import better, error_lines, length_line, notes
 from mocap.text import number_of
 
 LINES = 25
@@ -36,7 +36,10 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
     after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
     after += ["", "Animal", *_indented(length_line(report))]
     wrong = [in_options(sentence) for sentence in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]
-    lines += ["", "What is wrong, worst first" if wrong else "Nothing is wrong"]
+    left_open = [in_options(sentence) for sentence in report.get("open", ())]
+    known = "Nothing is wrong, as far as is known" if left_open else "Nothing is wrong"
+    lines += ["", "What is wrong, worst first" if wrong else known]
+    after = [*_left_open(left_open), *after]
     decided = len(notes(report))
     for shown in range(len(wrong), -1, -1):
         told = wrong[:shown] or [textwrap.shorten(one, 74, placeholder=" ...") for one in wrong[:1]]  # one line
@@ -47,6 +50,15 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
         if len(lines) + len(items) + len(after) <= LINES:
             break
     return [*lines, *items, *after]
+
+
+def _left_open(texts: Sequence[str]) -> list[str]:
+    """What its user can state: a line each, of many the first two."""
+    if not texts:
+        return []
+    told = [textwrap.shorten(text, 76, placeholder=" ...") for text in texts[:2]]
+    told += [f"{len(texts) - 2} more"] if len(texts) > 2 else []
+    return ["", "Left open, to be stated", *(part for line in told for part in _indented(line))]
 
 
 def _indented(text: str, indent: str = "  ", *, deeper: str = "  ") -> list[str]:

@@ -107,7 +107,7 @@ def pages(ctx: typer.Context, incomplete: str) -> Iterator[str]:  # noqa: ARG001
 @_quiet
 def models(ctx: typer.Context, incomplete: str) -> Iterator[str]:  # noqa: ARG001
     """Models of motion by name, and files of models."""
-    from mocap.pipeline.job import MODELS
+    from mocap.tracking.track_part import MODELS
 
     yield from MODELS
     start = Path(incomplete)

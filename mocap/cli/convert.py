@@ -55,7 +55,7 @@ def convert(
 
     whole = None
     if crop:
-        from mocap.pipeline.reading import uncropped
+        from mocap.reading.reading import uncropped
 
         whole = uncropped(files, crop, fps=fps, hints=options.hints())
     with result_file(out, replace=force, inputs=[*files, *(crop or [])], tell=say) as file:
@@ -89,8 +89,8 @@ def triangulate(
 ) -> None:
     """Pixels to 3D points: linear least squares as in DLTdv, without cleaning; --refine for better."""
     import mocap
+    from mocap.cleaning.triangulate_file import triangulate_file
     from mocap.io.output import result_file
-    from mocap.pipeline.triangulate_file import triangulate_file
 
     # points of a frame each: no rate is needed
     recording = mocap.read(tracks, **{**options.arguments(), "fps": options.fps or 1.0}, fit_lens=fit_lens)

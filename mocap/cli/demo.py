@@ -34,8 +34,8 @@ def demo(
     from mocap import Tracked, processes
     from mocap.cli.closing import finish
     from mocap.io.output import result_folder
-    from mocap.pipeline.demo import run_demo
     from mocap.progress import Stages
+    from mocap.report.demo import run_demo
 
     with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell, processes(jobs):
         result = Tracked.of(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))

@@ -38,14 +38,36 @@ def info(
     """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
     from mocap.audit.inspect import inspect, readable
     from mocap.cameras.origin import PixelOptions
+    from mocap.errors import NoRateError
+    from mocap.tracking.trial_audit import listed, of_files
 
     corners = PixelOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
     files = files if calibration is None else [*files, calibration]
-    found: list[dict[str, Any]] = inspect(files, options.hints(), fps=fps, unit=unit, origin=corners)
+    hints = options.hints()
+    found: list[dict[str, Any]] = inspect(files, hints, fps=fps, unit=unit, origin=corners)
+    stated = {"origin": origin, "calibration_origin": calibration_origin, "image_height_px": image_height}
+    whole = of_files(files, hints=hints, fps=fps, unit=unit, **stated)
+    lines: list[str] = []
+    if whole is not None and not isinstance(whole.refused, NoRateError):  # of its motion nothing is known then
+        lines = listed(whole.findings)
+        _with_list(found, [one.as_json() for one in whole.findings])
     if as_json:
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201
     else:
         for one in found:
-            show_text(readable(one))
+            told = {entry["text"] for entry in one.get("audit", [])} if lines else set()
+            show_text(readable({**one, "findings": [text for text in one["findings"] if text not in told]}))
+        show_text("\n".join([*lines, ""]) if lines else "")
     if any(one["format"] is None or "error" in one for one in found):
         raise typer.Exit(1)
+
+
+def _with_list(found: list[dict[str, Any]], audit: list[dict[str, Any]]) -> None:
+    """Put the list of the whole trial in place of those of its files, which say some of the same; with the first."""
+    texts = [one["text"] for one in audit]
+    for one in found:
+        told = {*texts, *(entry["text"] for entry in one.get("audit", []))}
+        one["findings"] = [text for text in one["findings"] if text not in told]
+        one["audit"] = []
+    found[0]["audit"] = audit
+    found[0]["findings"] += texts

@@ -41,7 +41,7 @@ def learn(
     """
     import mocap
     from mocap.io.output import result_file
-    from mocap.pipeline.reading import of_session
+    from mocap.reading.reading import of_session
 
     recordings = list(of_session(partial(options.read, tracks) for tracks in trials))
     inputs = [path for recording in recordings for path in recording.inputs]

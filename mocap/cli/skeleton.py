@@ -32,7 +32,7 @@ def skeleton(
     """
     from mocap.errors import NoRateError
     from mocap.io.output import result_file
-    from mocap.pipeline.propose_skeleton import Proposal, propose_skeleton
+    from mocap.proposing.propose_skeleton import Proposal, propose_skeleton
     from mocap.skeleton_files import is_model, read_model
     from mocap.text import number_of
 

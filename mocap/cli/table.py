@@ -89,6 +89,7 @@ ENTRIES = {
     "reproduce": CommandFile("reproduce", "potential", "paper"),
     "design-joint": CommandFile("design_joint", "mechanism", "joint design"),
     "compare-joints": CommandFile("compare_joints", "comparing"),
+    "mobility": CommandFile("mobility", "comparing"),
     "help": CommandFile("help", None, function="help_"),
     "data": CommandFile("data", "truth"),
     "calibrate": CommandFile("calibrate", "calibration", "calibration"),

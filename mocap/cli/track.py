@@ -84,7 +84,7 @@ def track(
     import mocap
     from mocap.cli.closing import finish
     from mocap.io.output import result_folder
-    from mocap.pipeline.job import MODELS, existing_model
+    from mocap.tracking.track_part import MODELS, existing_model
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
     recording = on_disk(tracks, recording_options, blocks) or recording_options.read(
@@ -138,7 +138,7 @@ def track(
 
 def block_size(recording: "Recording", requested: int | None) -> int:
     """Frames of a block; 0: the whole at once."""
-    from mocap.pipeline.blocks import BLOCK, LONG
+    from mocap.tracking.blocks import BLOCK, LONG
 
     if requested is not None:
         return requested
@@ -152,7 +152,7 @@ def block_size(recording: "Recording", requested: int | None) -> int:
 def on_disk(tracks: list[Path], options: RecordingOptions, blocks: int | None) -> "Recording | None":
     """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
     from mocap.io.tables_long import LongTable
-    from mocap.pipeline.blocks import LONG, OnDisk
+    from mocap.tracking.blocks import LONG, OnDisk
 
     if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
         return None

@@ -21,6 +21,7 @@ from mocap.batches.find import PLAN, PRELOAD, find_trials
 from mocap.batches.run import batch
 from mocap.batches.trial import Options, Trial, earlier_record, read_manifest, read_record, write_manifest
 from mocap.cameras.arrangement import ArrangementError
+from mocap.cleaning.cleaning import audit_points
 from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof
 from mocap.desk.session import Session
@@ -29,11 +30,10 @@ from mocap.errors import MocapError
 from mocap.findings import Finding, Kind, worst_first
 from mocap.io.manifest import digest, occupied
 from mocap.io.output import result_file, result_folder, taken_over
-from mocap.pipeline.cleaning import audit_points
-from mocap.pipeline.decided import decided
-from mocap.pipeline.edits import read_edits, standing
-from mocap.pipeline.ideal_pixels import with_rays
-from mocap.pipeline.reading import OPTIONS, in_options
+from mocap.reading.decided import decided
+from mocap.reading.edits import read_edits, standing
+from mocap.reading.ideal_pixels import with_rays
+from mocap.reading.reading import OPTIONS, in_options
 from mocap.results.tracked import load
 from mocap.side_by_side import Hear, Worker, opened
 from mocap.text import number_of

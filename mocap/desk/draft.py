@@ -16,8 +16,8 @@ from mocap.desk.pictures import Pictures, listed, pictures_of
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file
-from mocap.pipeline.ideal_pixels import of_one_camera
-from mocap.pipeline.propose_skeleton import propose_skeleton
+from mocap.proposing.propose_skeleton import propose_skeleton
+from mocap.reading.ideal_pixels import of_one_camera
 from mocap.recording import Recording
 from mocap.skeleton import Bone, Joint, Skeleton, mirrored, read_skeleton, skeleton_text, write_skeleton
 from mocap.text import number_of

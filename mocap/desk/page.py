@@ -204,6 +204,7 @@ def desk_page(desk: Desk) -> Starlette:
             reads("/frame", _Shown, lambda at: desk.opened().frame(at.frame, at.marker)),
             reads("/places", _Of, places),
             reads("/curve", _Named, lambda given: desk.tracked().curve(given.name)),
+            reads("/way", _Named, lambda given: desk.tracked().way(given.name)),
             task(
                 "/potential",
                 _Named,

@@ -14,7 +14,7 @@ from mocap.digitising.naming import seen_from
 from mocap.digitising.videos import Videos, open_videos
 from mocap.errors import MocapError
 from mocap.io.movies import FILMS
-from mocap.pipeline.decided import decided
+from mocap.reading.decided import decided
 from mocap.recording import Recording
 
 

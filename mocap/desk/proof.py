@@ -17,17 +17,20 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
+from mocap.cleaning.by_hand import errors_left, with_hand
+from mocap.cleaning.cleaning import clean
 from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
 from mocap.errors import MocapError
-from mocap.pipeline.by_hand import errors_left, with_hand
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.decided import decided
-from mocap.pipeline.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
-from mocap.pipeline.ideal_pixels import of_one_camera, straightened
-from mocap.pipeline.retrack import AROUND, tracked_again
+from mocap.reading.decided import decided
+from mocap.reading.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
+from mocap.reading.ideal_pixels import of_one_camera, straightened
 from mocap.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.results.tracked import Tracked
+from mocap.sides import words
+from mocap.tracking.joint_map import map_picture
+from mocap.tracking.potentials import JointPotential
+from mocap.tracking.retrack import AROUND, tracked_again
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,7 +231,7 @@ class Proof(Pictures):
         """Add a correction to the log; it is on the disk when this returns. ``settle`` solves what it touches.
 
         Args:
-            **what: Fields of ``mocap.pipeline.edits.Edit``, ``uv_px`` as the image counts.
+            **what: Fields of ``mocap.reading.edits.Edit``, ``uv_px`` as the image counts.
 
         Raises:
             MocapError: it names what is not there; nothing was kept then.
@@ -375,21 +378,39 @@ class Proof(Pictures):
         }
 
     def potential(self, joint: str) -> bytes:
-        """The map of a joint's potential, as PNG.
+        """The map of a joint's potential, as a square PNG.
 
         Raises:
             MocapError: there is none, or too few samples were measured.
         """
+        found = self.result.potential(joint)
+        if isinstance(found, JointPotential):
+            return map_picture(found.map, pixels=1000)
         from matplotlib import pyplot
 
-        figure, ax = pyplot.subplots(figsize=(7, 6), layout="constrained")
+        figure, ax = pyplot.subplots(figsize=(7, 7), layout="constrained")
         try:
-            self.result.potential(joint).plot(ax)
+            found.plot(ax)
             picture = BytesIO()
             figure.savefig(picture, format="png", dpi=120)
         finally:
             pyplot.close(figure)
         return picture.getvalue()
+
+    def way(self, joint: str) -> dict[str, Any]:
+        """Where a joint is on its map in each frame, and where its centre is: shares of the width and of the height.
+
+        Raises:
+            MocapError: there is no potential of it; of a joint between bodies there are no places.
+        """
+        found = self.result.potential(joint)
+        if not isinstance(found, JointPotential):
+            return {"name": words(joint), "centre": None, "places": []}
+        left, right, bottom, top = found.map.bounds_mm
+        size = np.array([right - left, bottom - top])
+        corner = np.array([left, top])
+        at = (1e3 * self.result.joints_m(found.frame)[joint][:, :2] - corner) / size
+        return {"name": words(joint), "centre": listed(-corner / size), "places": [listed(one) for one in at]}
 
 
 @dataclass(frozen=True, eq=False)

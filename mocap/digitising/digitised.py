@@ -21,10 +21,10 @@ from mocap.io.crop import crops_of
 from mocap.io.output import result_folder
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
-from mocap.pipeline.learning import Model, load_model
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton
 from mocap.skeleton_files import read_skeleton
+from mocap.tracking.learning import Model, load_model
 
 PathText = str | PathLike[str]
 

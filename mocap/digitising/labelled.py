@@ -18,8 +18,8 @@ from mocap.io.format import Hints
 from mocap.io.output import result_file
 from mocap.io.registry import read, write, writer
 from mocap.io.unstated_unit import in_metres
-from mocap.pipeline.learning import Model, load_model
 from mocap.records import marker_tracks
+from mocap.tracking.learning import Model, load_model
 
 _SAMPLES, _LAGS = 12, 30
 

@@ -176,7 +176,7 @@ def _answer(kind: str, path: str, most: int) -> int:
     Returns:
         The exit code: 0, or REFUSED.
     """
-    from mocap.side_by_side import end_with  # of processes alone
+    from mocap.ending import end_with  # of processes alone
 
     end_with(0)
     out, code = os.dup(1), 0

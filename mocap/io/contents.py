@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera, scaled
 from mocap.cameras.lens import Lens
-from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
 from mocap.io.lines import metres, rate
-from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
+from mocap.records import MarkerTracks, PixelCorner, PixelTracks, Status, marker_tracks
 from mocap.text import file_names
 
 Bodies = Mapping[str, Mapping[str, Array]]
@@ -50,6 +49,7 @@ class FileContents:
         bodies: Rigid bodies that the file states, in the unit of the points.
         findings: Sentences on what is unusual; ``remarks`` adds what the file does not state.
         assumed: Those of them that tell how the file was read where it leaves that open; a report begins with them.
+        playback: Whether its program may state the rate at which a video is played in place of the camera's.
     """
 
     format: str
@@ -71,6 +71,7 @@ class FileContents:
     bodies: Bodies = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
+    playback: bool = False
 
     def __post_init__(self) -> None:
         """Freeze and check that the parts have one size."""

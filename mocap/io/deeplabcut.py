@@ -19,11 +19,11 @@ from mocap.io.apart import plain_pickle
 from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording, views_of
 from mocap.io.format import Format
 from mocap.io.lines import cells_of, frame_numbers, image_numbers, number, numbers, read_lines
+from mocap.records import LEAST_LIKELIHOOD
 
 if TYPE_CHECKING:
     import pandas as pd
 
-LEAST_LIKELIHOOD = 0.6  # DeepLabCut's cutoff
 _KEY = "df_with_missing"
 """Of DeepLabCut's tables in HDF5; labels of napari-deeplabcut, tracklets and others have theirs."""
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))

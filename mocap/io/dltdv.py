@@ -11,14 +11,13 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.cameras.lens import BrownLens
-from mocap.cameras.origin import BOTH, PixelCorner
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, calibration_recording, pixel_recording, table_recording
 from mocap.io.csv_table import by_title, decimals_in, decimals_of, first_cells, read_table, write_table
 from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import is_number_row
 from mocap.io.profile import write_profile
-from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
+from mocap.records import BOTH, MarkerTracks, PixelCorner, PixelTracks, Status, marker_tracks
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)(?P<axis>_[XYUVxyuv])")
 _POINT = re.compile(r"(?P<name>.+)(?P<axis>_[XYZxyz]|_sd)")

@@ -44,7 +44,6 @@ def _project(path: Path, file: Any) -> FileContents:
     fps, findings = None, []
     with suppress(FormatError):
         fps = rate(path, np.ravel(data["movFrameRates"][()])[0])
-        findings = [f"the project states {fps:g} frames a second, which may be the playback rate"]
     uv = _sparse(path, data, "xypts", 2 * cameras_n * markers_n, missing=np.nan)
     xyz = _sparse(path, data, "dltpts", 3 * markers_n, missing=np.nan).reshape(-1, markers_n, 3)
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
@@ -61,6 +60,7 @@ def _project(path: Path, file: Any) -> FileContents:
         fps=fps,
         calibration=cameras,
         pixel_origin="upper-left",
+        playback=fps is not None,
         tables={"offset_frames": offset},
         findings=(*findings, *filter(None, [ahead(offset)])),
     )

@@ -15,7 +15,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera
-from mocap.cameras.lens import BrownLens
+from mocap.cameras.lens import BrownLens, RationalLens
 from mocap.documents import damaged, decoded
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
@@ -39,8 +39,9 @@ def _numbers(path: Path, where: str, text: Mapping[str, str | None], names: str)
     return out
 
 
-def _root(path: Path) -> ElementTree.Element:
-    data = path.read_bytes()
+def xml_root(path: Path, data: bytes | None = None) -> ElementTree.Element:
+    """The XML of a file, or of what is in it; none that is long or defines entities."""
+    data = path.read_bytes() if data is None else data
     text = decoded(path, data[:_MOST_BYTES])[0]
     if len(data) > _MOST_BYTES or re.search(r"<!ENTITY|<!DOCTYPE[^>]*\[", text):
         raise FormatError(f"{path.name}: not the XML of a calibration: it is too long, or defines entities")
@@ -50,25 +51,48 @@ def _root(path: Path) -> ElementTree.Element:
         raise FormatError(f"{path.name}: not readable as XML: {error}: export the calibration again") from None
 
 
-def _camera(
-    path: Path, name: str, matrix: Array, rotation: Array, translation_m: Array, bend: Array, size: Array
+def rig_camera(
+    path: Path, name: str, matrix: Array, rotation: Array, translation_m: Array, bend: Array, size: Array | None
 ) -> Camera:
-    """A camera with Brown's lens of at most five coefficients ``bend`` in OpenCV's order; the others are 0."""
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-2) or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+    """A camera with a lens of coefficients ``bend`` in OpenCV's order; those that are not there are 0.
+
+    Args:
+        path: The file, for messages.
+        name: Of the camera.
+        matrix: (3, 3) camera matrix.
+        rotation: (3, 3) from world to camera axes.
+        translation_m: (3,) after it, in metres, or in the file's unit where that is not known.
+        bend: (n,) at most eight distortion coefficients.
+        size: Width and height of the image; None: the file does not state it.
+
+    Raises:
+        FormatError: the numbers are not those of a camera.
+    """
+    numbers = np.concatenate([np.ravel(part) for part in (matrix, rotation, translation_m, bend)])
+    turned = np.isfinite(numbers).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-2)
+    if not turned or np.linalg.det(rotation) < 0 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise FormatError(f"{path.name}: camera {name}: no rotation, or no focal length: calibrate again")
+    lens = opencv_lens(matrix, bend).if_bent
+    if lens is not None and abs(matrix[0, 1]) > 1e-6 * matrix[0, 0]:
+        raise FormatError(
+            f"{path.name}: camera {name}: its axes are not square (skew {matrix[0, 1]:g} px) and its lens bends: "
+            "lenses with both are not read: calibrate again without skew"
+        )
     return pinhole_camera(
         name,
         intrinsic=matrix,
         rotation=rotation,
         translation_m=translation_m,
-        lens=_brown(matrix, bend).if_bent,
-        size_px=(round(float(size[0])), round(float(size[1]))),
+        lens=lens,
+        size_px=None if size is None else (round(float(size[0])), round(float(size[1]))),
     )
 
 
-def _brown(matrix: Array, bend: Array) -> BrownLens:
-    bend = np.ravel(bend)[:5]
-    return BrownLens.of((matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2]), np.pad(bend, (0, 5 - len(bend))))
+def opencv_lens(matrix: Array, bend: Array) -> BrownLens | RationalLens:
+    """Brown's lens of at most five coefficients in OpenCV's order, the rational one where three more are not 0."""
+    bend = np.pad(np.ravel(bend)[:8], (0, max(0, 8 - np.size(bend))))
+    f, centre = (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2])
+    return RationalLens.of(f, centre, bend) if bend[5:].any() else BrownLens.of(f, centre, bend[:5])
 
 
 def _matrix(fu: float, fv: float, cu: float, cv: float) -> Array:
@@ -82,7 +106,7 @@ def _matrix(fu: float, fv: float, cu: float, cv: float) -> Array:
 )
 def _qualisys(path: Path, _hints: Hints) -> FileContents:
     """QTM: camera axes x right, y up, z to the rear (turned by pi about x here), millimetres."""
-    root, cameras, turned = _root(path), [], []
+    root, cameras, turned = xml_root(path), [], []
     for section in root.iter("camera"):
         name = section.get("serial") or f"cam{len(cameras) + 1}"
         intrinsic, transform = section.find("intrinsic"), section.find("transform")
@@ -113,7 +137,7 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
         place = np.array(_numbers(path, f"camera {name}", transform.attrib, "x y z")) / 1000
         rotation = np.diag([1.0, -1.0, -1.0]) @ axes
         bend = np.array([k1, k2, p1, p2, k3])
-        cameras.append(_camera(path, name, matrix, rotation, -rotation @ place, bend, size))
+        cameras.append(rig_camera(path, name, matrix, rotation, -rotation @ place, bend, size))
         if section.get("viewrotation", "0") != "0":
             turned.append(f"{name} by {section.get('viewrotation')} degrees")
     if not cameras:
@@ -133,7 +157,7 @@ def _vicon(path: Path, _hints: Hints) -> FileContents:
     from scipy.spatial.transform import Rotation
 
     cameras = []
-    sections = list(_root(path).iter("Camera"))
+    sections = list(xml_root(path).iter("Camera"))
     films = [s for s in sections if "video" in f"{s.get('TYPE', '')} {s.get('DISPLAY_TYPE', '')}".lower()]
     for section in films or sections:
         name = section.get("LABEL") or section.get("DEVICEID") or f"cam{len(cameras) + 1}"
@@ -164,7 +188,7 @@ def _vicon(path: Path, _hints: Hints) -> FileContents:
         radial = (frame.get("VICON_RADIAL2") or "").split()[3:] or (frame.get("VICON_RADIAL") or "").split()
         radial = [*several(" ".join(radial[:3]), len(radial[:3]), "VICON_RADIAL"), 0.0, 0.0, 0.0][:3]
         bend = _nearest_brown(matrix, size, np.array(radial))
-        cameras.append(_camera(path, name, matrix, rotation, -rotation @ place, bend, size))
+        cameras.append(rig_camera(path, name, matrix, rotation, -rotation @ place, bend, size))
     if not cameras:
         raise FormatError(f"{path.name}: no camera with a KeyFrame: calibrate in Vicon and save the .xcp again")
     notes = () if films else ("no camera is called a video camera: all cameras are read",)
@@ -222,13 +246,13 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
         bend = found.get(f"dist_{name}", np.zeros(5))
         if matrix.shape != (3, 3):
             raise FormatError(f"{path.name}: K_{name} is {matrix.shape}, expected 3 x 3: calibrate again")
-        lenses.append((_brown(matrix, bend), None))
+        lenses.append((opencv_lens(matrix, bend), None))
         shift = found.get(f"T_{name}")
         rotation = found.get(f"Rot_{name}", found.get(f"R_{name}"))
         if shift is None or rotation is None:
             continue
         rotation = Rotation.from_rotvec(np.ravel(rotation)).as_matrix() if rotation.size == 3 else rotation
-        cameras.append(_camera(path, name, matrix, rotation, np.ravel(shift), bend, 2 * matrix[:2, 2]))
+        cameras.append(rig_camera(path, name, matrix, rotation, np.ravel(shift), bend, 2 * matrix[:2, 2]))
     if len(cameras) == len(names):
         note = "image sizes are not in the file: twice the principal point is taken"
         return calibration_recording(path, "easymocap", tuple(cameras), unit="m", findings=(note,))
@@ -256,7 +280,7 @@ def _opencap(path: Path, _hints: Hints) -> FileContents:
         size = np.ravel(np.array(table["imageSize"], dtype=float))[::-1]
         rotation = np.array(table["rotation"], dtype=float).reshape(3, 3)
         shift = np.ravel(np.array(table["translation"], dtype=float)) / 1000
-    camera = _camera(path, path.absolute().parent.name, matrix, rotation, shift, bend, size)
+    camera = rig_camera(path, path.absolute().parent.name, matrix, rotation, shift, bend, size)
     note = "the world is that of OpenCap's board, which stands upright: y or z of the board may point down"
     return calibration_recording(path, "opencap", (camera,), unit="mm", findings=(note,))
 

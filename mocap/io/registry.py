@@ -15,6 +15,7 @@ from mocap.errors import FormatError
 from mocap.io import (
     anipose,
     argus,
+    bouguet,
     c3d,
     deeplabcut,
     dltdv,
@@ -23,7 +24,9 @@ from mocap.io import (
     easywand,
     keypoints_json,
     matlab_points,
+    mayacam,
     movement,
+    not_read,
     nwb,
     optical_csv,
     other_rigs,
@@ -76,6 +79,9 @@ _SIGNS: dict[str, str] = {
     "csv": "csv table numbers time x y",
     "camera-profile": "text numbers space lenses cam f W H cx cy",
     "opencap": "pickle intrinsicMat distortion",
+    "mayacam": "text image size camera matrix rotation translation undistortion",
+    "bouguet": "mat fc cc kc alpha_c omc_1 Tc_1 KK",
+    "bouguet-stereo": "mat fc_left cc_left kc_left fc_right R T om KK_left",
 }
 """Words by which a format is known; formats without an entry are known by the words of their titles."""
 _SUFFIXES = {
@@ -175,8 +181,22 @@ def _each(*places: ModuleType | Format) -> Iterator[Format]:
 
 
 FORMATS = (
-    *_each(dvproject, dltdv, dltdv_sparse, easywand, profile, deeplabcut, sleap, movement, nwb, anipose, other_rigs),
-    *_each(keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
+    *_each(
+        dvproject,
+        dltdv,
+        dltdv_sparse,
+        easywand,
+        profile,
+        deeplabcut,
+        sleap,
+        movement,
+        nwb,
+        anipose,
+        other_rigs,
+        mayacam,
+        bouguet,
+    ),
+    *_each(not_read, keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
     *_each(plain.typed_pixels, xmalab, argus),
     *formats_elsewhere(),
     plain.CSV,

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.calls import check_stated
-from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, points_of
 from mocap.io.format import Hints
 from mocap.io.lines import read_lines
 from mocap.io.registry import read, write, writer
+from mocap.records import PixelCorner
 from mocap.text import visible
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from eal.joint_design import LEVELS, Truss, equilibria, member_forces
+from eal.plot import COLORS
 from mocap.joint_design.design import JointDesign
 from mocap.joint_design.flexure import MM, Flexure
 from mocap.joint_design.solid import FOOT_MM, PLATE_MM, Kit, meander_line
@@ -37,8 +38,8 @@ def figure_7_and_9(design: JointDesign) -> Canvas:
     samples = design.source.potential.samples * design.source.unit_m / MM
     maps = [canvas.add_subplot(2, 2, 3), canvas.add_subplot(2, 2, 4)]
     for axes, value in zip(maps, (v, u), strict=True):
-        axes.contourf(x, y, value, levels=np.linspace(0.0, 1.0, 21), cmap="viridis")
-        axes.plot(*samples.T, ".", color="white", markersize=1.5, alpha=0.5)
+        axes.contourf(x, y, value, levels=np.linspace(0.0, 1.0, 21), cmap=COLORS)
+        axes.plot(*samples.T, ".", color="black", markersize=1.5, alpha=0.5)
         axes.contour(x, y, value, levels=LEVELS, colors="white", linewidths=1.0)
         axes.set_aspect("equal")
         axes.set_xlabel("$q_1$ (mm)")
@@ -46,15 +47,13 @@ def figure_7_and_9(design: JointDesign) -> Canvas:
     maps[1].contour(x, y, v, levels=LEVELS, colors="black", linewidths=1.0, linestyles="--")
     maps[0].set_title("white: levels 0.25, 0.5, 0.75; dots: samples", fontsize=9)
     maps[1].set_title("white: levels of U, cut at 1; black dashed: the same levels of $V_z$", fontsize=9)
-    scale = ScalarMappable(Normalize(0.0, 1.0), "viridis")
+    scale = ScalarMappable(Normalize(0.0, 1.0), COLORS)
     canvas.colorbar(scale, ax=maps, label="normalised: $V_z$, and (U - U stored) / U(V = 1)", shrink=0.8)
     return canvas
 
 
 def _surface(axes: Axes3D, x: Array, y: Array, value: Array, name: str) -> None:
-    axes.plot_surface(
-        *np.meshgrid(x, y), value, cmap="viridis", vmin=0, vmax=1, rstride=1, cstride=1, antialiased=False
-    )
+    axes.plot_surface(*np.meshgrid(x, y), value, cmap=COLORS, vmin=0, vmax=1, rstride=1, cstride=1, antialiased=False)
     axes.set_box_aspect((np.ptp(x), np.ptp(y), 0.2 * max(np.ptp(x), np.ptp(y))), zoom=1.3)  # pyright: ignore[reportArgumentType]
     axes.set_zlim(0.0, 1.0)
     axes.zaxis.set_ticks([0.0, 1.0])

@@ -18,12 +18,12 @@ from mocap.filters.model import LearnedModel
 from mocap.io.csv_table import read_table
 from mocap.io.manifest import current_files
 from mocap.joints import joint_variables
-from mocap.pipeline.model_file import load_model
-from mocap.pipeline.potentials import joint_potentials
 from mocap.records import marker_tracks
 from mocap.schema import Entry, Schema, checked
 from mocap.skeleton import Joint, Skeleton
 from mocap.skeleton_files import read_skeleton
+from mocap.tracking.model_file import load_model
+from mocap.tracking.potentials import joint_potentials
 
 FRAMES = ("limb", "plane", "body", "world")
 FRAME = "limb"

@@ -13,6 +13,7 @@ from scipy.special import chndtrix
 from eal.arrays import Z95, Array, frozen, short_repr, unique
 from eal.over_time import OverTime
 from mocap.errors import MocapError
+from mocap.records import unknown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,9 +88,8 @@ class Quantity:
         return end
 
 
-UNKNOWN_DEG = 180 / (2 * Z95)
-"""Standard deviation of an angle from which on it is unknown, degrees: its 95 % interval is then as wide as all that a
-joint, a stroke or a pitch can be. Of directions, which may be any of 360, twice as much."""
+WIDEST_DEG = 180.0
+"""All that a joint, a stroke or a pitch can be, degrees; of directions, which may be any of 360, twice as much."""
 _DIRECTIONS = ("_heading_deg", "_yaw_deg", "_phase_deg", "_rotation_deg")
 
 
@@ -102,8 +102,7 @@ def without_unknown_angles(found: Sequence[Quantity]) -> tuple[list[Quantity], l
     holes: dict[str, NDArray[np.bool_]] = {}
     for one in found:
         if one.unit == "deg":
-            most = UNKNOWN_DEG * (2 if one.name.endswith(_DIRECTIONS) else 1)
-            hole = one.sd > most
+            hole = unknown(one.sd, WIDEST_DEG * (2 if one.name.endswith(_DIRECTIONS) else 1))
             if hole.any():
                 holes[one.name.removesuffix("_deg")] = hole
     notes = [

@@ -3,11 +3,12 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.pipeline.result import Result
 from mocap.plots.kinematics import COLOURS, styled
 from mocap.records import Status
+from mocap.tracking.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +30,7 @@ def draw_animal(run: Result) -> "Figure":
     axes = figure.subplots(1, 4, width_ratios=(1, 1, 1, 0.9))
     markers = run.tracks
     xyz, status = 1e3 * markers.xyz_m, markers.status
-    frames, flat = _phases(xyz)
+    frames, flat = _phases(xyz, status == Status.MEASURED)
     for ax, frame, title in zip(axes, frames, ("one extreme", "half-way", "other extreme"), strict=False):
         _draw(ax, flat[frame], status[frame] == Status.MEASURED, run)
         ax.set_title(f"{title}: frame {frame + 1}", fontsize=7)
@@ -47,7 +48,9 @@ def draw_animal(run: Result) -> "Figure":
         axes[0].text(0, 0.5, "no frame shows nine tenths of the markers", fontsize=7)
     trunk = [markers.names.index(name) for name in run.skeleton.trunk] or slice(None)
     if len(frames):
-        _path(axes[3], _middle(xyz[:, trunk]))
+        there = np.isfinite(xyz[:, trunk, 0])
+        known = there.sum(axis=1) >= 0.9 * there.any(axis=0).sum()  # the mean of other markers is another place
+        _path(axes[3], np.where(known[:, None], _middle(xyz[:, trunk]), np.nan))
     measured = status == Status.MEASURED
     kinds = (("measured", MEASURED, measured), ("filled", FILLED, ~measured & np.isfinite(xyz[..., 0])))
     keys = [
@@ -60,16 +63,19 @@ def draw_animal(run: Result) -> "Figure":
     return figure
 
 
-def _phases(xyz: Array) -> tuple[list[int], Array]:
+def _phases(xyz: Array, measured: NDArray[np.bool_]) -> tuple[list[int], Array]:
     """Three frames in which most markers have a position, and all positions (T, M, 2) in the plane of the image.
 
-    A single marker has no phases.
+    Of these frames they are some in which nine tenths of the markers were measured or, where that is rarer, of the
+    quarter in which most were. A single marker has no phases.
     """
     there = np.isfinite(xyz[..., 0])
     usual = there.any(axis=0)
     full = np.flatnonzero(there.sum(axis=1) >= 0.9 * usual.sum()) if usual.any() else np.zeros(0, dtype=int)
     if not len(full) or usual.sum() < 2:
         return [], np.full((*xyz.shape[:2], 2), np.nan)
+    count = measured[full].sum(axis=1)
+    full = full[count >= min(0.9 * usual.sum(), np.quantile(count, 0.75))]
     body = xyz - _middle(xyz)[:, None]
     some = np.nan_to_num(body[full])
     long = np.linalg.svd(some.mean(axis=0), full_matrices=False)[2][0]
@@ -107,16 +113,17 @@ def _middle(xyz: Array) -> Array:
 
 
 def _path(ax: "Axes", middle: Array) -> None:
-    """The body (T, 3) in the plane in which it moves most, equal axes, its direction."""
+    """The body (T, 3) in the plane in which it moves most, equal axes, its direction; broken where it is not known."""
     seen = np.isfinite(middle[:, 0])
     ax.set_title("path of the body", fontsize=7)
     styled(ax)
     if seen.sum() < 2:
         return
-    away = middle[seen] - middle[seen].mean(axis=0)
-    path = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
-    path = path - path[0]
+    away = middle - middle[seen].mean(axis=0)
+    path = away @ np.linalg.svd(away[seen], full_matrices=False)[2][:2].T
+    path = path - path[seen][0]
     ax.plot(*path.T, color=COLOURS[0], linewidth=0.9)
+    path = path[seen]
     ax.plot(*path[0], "o", color=COLOURS[0], markersize=3)
     tip = {"arrowstyle": "->", "color": COLOURS[0]}
     ax.annotate("", path[-1], path[max(0, len(path) - 1 - len(path) // 20)], arrowprops=tip)

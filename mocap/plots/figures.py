@@ -11,12 +11,12 @@ import numpy as np
 from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, counted, ensemble
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.result import Result
 from mocap.plots import kinematics as plots
 from mocap.plots.animal import draw_animal
 from mocap.plots.kinematics import COLOURS, labelled, legend_above, new_axes, shade
 from mocap.records import Status
 from mocap.sides import TRUNK, side_of, words
+from mocap.tracking.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ import numpy as np
 from mocap.errors import MocapError
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, counted, ensemble
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.result import Result
 from mocap.plots import kinematics as plots
 from mocap.plots.animal import draw_animal
+from mocap.tracking.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,22 +6,27 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table
+from mocap.kinematics.extremes import cycle_statistics
 from mocap.kinematics.frequency import frequencies
-from mocap.kinematics.records import Kinematics, Rests
+from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.manual import what_to_do
-from mocap.pipeline.reading import in_options
-from mocap.pipeline.result import Result
-from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
 from mocap.plots import figures
 from mocap.plots.figures import Picture, drawn
 from mocap.plots.kinematics import UNITS, label
+from mocap.reading.reading import in_options
 from mocap.records import Status
+from mocap.report.summary import expected_error, length_text, notes, two_digits
 from mocap.sides import words
+from mocap.tracking.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _MEANT = {"body_speed_m_s": "net body speed"}
 """Columns of the table of cycles whose names leave open what they are."""
@@ -63,9 +68,11 @@ def report_page(
         numbers=_numbers(run, rows),
         wrong=[(_linked(said), anchors[remedies[said]] if said in remedies else None) for said in wrong],
         remedies=[(anchors[one], one[0], details.render(one[1])) for one in anchors],
+        open=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("open", ()))],
         notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes]],
         cycles=_cycles(rows),
         angles=_angles(run, found),
+        peaks=_peaks(run, found, rows),
         animal=next((sources[one.name] for one in shown if one.name == "animal"), None),
         figures=[(one, sources[one.name]) for one in shown if one.name != "animal"],
         sections=[(title, details.render(in_options(text))) for title, text in sections if title != "Findings"],
@@ -157,16 +164,43 @@ def _cycles(rows: Sequence[Cycle]) -> dict[str, Any] | None:
     return {"columns": [("limb", ""), ("n", ""), *map(_titled, columns)], "lines": lines}
 
 
-def _angles(run: Result, found: Kinematics) -> dict[str, Any] | None:
-    """Flexion of each joint, rotations of joints of bodies, that which moves most first; None: there is none."""
-    lines = []
+def _shown_angles(run: Result, found: Kinematics) -> list[tuple[str, Quantity]]:
+    """Titles and values of the angles that the report tells: flexion of joints, rotations of joints of bodies."""
     shown = [(words(joint.name), f"{joint.name}_flexion_deg") for joint in run.skeleton.joints]
     for joint in run.skeleton.body_joints:
         shown += [(f"{words(joint.name)}, {axis}", f"{joint.name}_rotation_{axis}_deg") for axis in "zyx"]
-    for title, name in shown:
-        if name not in found or not np.isfinite(found[name].value).any():
-            continue
-        q = found[name]
+    return [(title, found[name]) for title, name in shown if name in found and np.isfinite(found[name].value).any()]
+
+
+def _peaks(run: Result, found: Kinematics, rows: Sequence[Cycle]) -> dict[str, Any] | None:
+    """Peak, trough, range and mean of these angles in the cycles that are not doubtful, largest range first.
+
+    Mean and standard deviation over cycles, and the median 95 % interval of one cycle's peak. None: there is none.
+    """
+    lines = []
+    for title, q in _shown_angles(run, found):
+        table = cycle_statistics(found, counted(rows), q.name)
+        for (_, of), some in table.groupby(["kind", "of"], sort=False):
+            by = {name: one for name, one in some.groupby("statistic")}
+            cells = [_mean_sd(by[name]["value"]) for name in ("peak", "trough", "range", "mean")]
+            own, at = f"± {Z95 * by['peak']['sd'].median():.2g}", _mean_sd(100 * by["peak_phase"]["value"])
+            line = [title, words(str(of)), str(len(by["peak"])), cells[0], own, *cells[1:], at]
+            lines.append((by["range"]["value"].mean(), line))
+    columns = [("joint", ""), ("cycles of", ""), ("n", ""), ("peak", "°"), ("95 % interval of one (median)", "°")]
+    columns += [("trough", "°"), ("range", "°"), ("mean", "°"), ("time of peak", "% of the cycle")]
+    ordered = [line for _, line in sorted(lines, key=lambda one: -one[0])]
+    return {"columns": columns, "lines": ordered} if ordered else None
+
+
+def _mean_sd(values: "pd.Series") -> str:
+    spread = f" ± {values.std():.2g}" if len(values) > 1 else ""
+    return f"{values.mean():.1f}{spread}"
+
+
+def _angles(run: Result, found: Kinematics) -> dict[str, Any] | None:
+    """Flexion of each joint, rotations of joints of bodies, that which moves most first; None: there is none."""
+    lines = []
+    for title, q in _shown_angles(run, found):
         low, high = np.nanpercentile(q.value, [2.5, 97.5])
         filled = float(np.mean(q.rests == Rests.FILLED))
         cells = [f"{low:.0f} to {high:.0f}", f"{np.nanmean(q.value):.1f}", f"± {np.nanmedian(q.high - q.low) / 2:.2g}"]

@@ -8,6 +8,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure as Canvas
 
 from eal.arrays import Array
+from eal.plot import COLORS
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,8 +59,8 @@ def log_log(
 def landscape(canvas: Canvas, x: Array, y: Array, v: Array, samples: Array, *, unit: str, title: str) -> None:
     """A normalised potential as a filled map with the samples on it."""
     axes = canvas.subplots()
-    filled = axes.contourf(x, y, v, levels=np.linspace(0.0, 1.0, 21), cmap="viridis")
-    axes.plot(samples[:, 0], samples[:, 1], ".", color="white", markersize=1.5, alpha=0.6)
+    filled = axes.contourf(x, y, v, levels=np.linspace(0.0, 1.0, 21), cmap=COLORS)
+    axes.plot(samples[:, 0], samples[:, 1], ".", color="black", markersize=1.5, alpha=0.6)
     axes.set_aspect("equal")
     axes.set_xlabel(f"$q_1$ ({unit})")
     axes.set_ylabel(f"$q_2$ ({unit})")

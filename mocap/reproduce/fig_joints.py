@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
+from eal import bounds
 from eal.arrays import Array
 from eal.comparison import compare
 from eal.integrators import simulate
@@ -191,7 +192,7 @@ def figure_20(samples_m: Array, *, quick: bool) -> Figure:  # noqa: ARG001
     distance, _ = KDTree(z).query(run.q)
     mean = scale * distance.mean(axis=0)
     floor = np.array([[float(member.value(start))] for member in members])
-    four_joules = floor + 4.0 / penalties  # theorem 3 with U = 0
+    four_joules = bounds.theorem3(penalties, value0=floor, kinetic0=4.0, potential0=0.0, potential_min=0.0)
     reached = model.penalty.value(run.q.swapaxes(0, 1)).max(axis=1) / four_joules
     falls = mean[:, 0] / mean[:, 2], mean[:, -3] / mean[:, -1]
     verdicts = (

@@ -13,15 +13,15 @@ from eal.over_time import OverTime, at_frames
 from eal.potential import EmpiricalPotential, fit_potential
 from eal.radius import valley_covariance
 from eal.systems import GRAVITY_M_S2, free_joint, planar_pendulum, spherical_pendulum
+from mocap.cleaning.cleaned import cleaned
+from mocap.cleaning.cleaning import clean
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.datasets.film import SyntheticRecording
 from mocap.datasets.lizards import make_lizard
 from mocap.datasets.pendulums import make_pendulum_film
 from mocap.filters.body_axes import body_frames
 from mocap.joints import joint_variables
-from mocap.pipeline.cleaned import cleaned
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import Recording
 from mocap.records import marker_tracks
 from mocap.reproduce.fig_joints import WIDTH, joint_potential

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from eal.arrays import Array
+from mocap.cleaning.cleaning import clean
 from mocap.datasets.bats import bat_motion, make_bat
 from mocap.datasets.lizards import lizard_motion, make_lizard
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
 
 
 def wrist_about_elbow(xyz_m: Array, names: Sequence[str], arm: tuple[str, str, str]) -> Array:

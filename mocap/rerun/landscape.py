@@ -8,7 +8,8 @@ from scipy.ndimage import map_coordinates
 
 from eal.arrays import Array
 from eal.bounds import theorem3
-from mocap.pipeline.potentials import JointPotential
+from mocap.tracking.joint_map import JointMap
+from mocap.tracking.potentials import JointPotential
 
 GRID, CUBES = 80, 20
 """Points along an edge of a grid over the plane, cubes along the longest edge of one in space."""
@@ -16,8 +17,6 @@ STIFFNESS = 20.0
 """1/eps^2 in units of the greatest kinetic energy: that motion alone could raise V by a twentieth."""
 _MARGIN = 0.2  # about the joint's range, as a share of it; chosen
 MM_PER_M = 1000.0  # the unit of these views
-RANGE = 0.5
-"""The value of the potential at the edge of a joint's range."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,6 +76,7 @@ class Landscape:
         eigenvalues: (r,) of the operator T_z of the samples, decreasing.
         lam: The lambda below which they are filtered.
         effective_rank: Number of functions that the filter leaves.
+        map: What a person sees of it.
     """
 
     x_mm: Array
@@ -91,6 +91,7 @@ class Landscape:
     eigenvalues: Array
     lam: float
     effective_rank: float
+    map: JointMap
 
     @property
     def cell_mm(self) -> float:
@@ -104,11 +105,6 @@ class Landscape:
         value = map_coordinates(self.value, [rows, columns], order=1, mode="nearest")
         height = np.where(np.isfinite(rows + columns), value + 0.015, np.nan) * self.height_mm
         return np.concatenate([xy_mm, height[..., None]], axis=-1)
-
-    @property
-    def preferred(self) -> float:
-        """The level below which half of the samples lie: preferred configurations, as in Figs 7 and 8 of the paper."""
-        return float(np.median(self.samples_value))
 
     def contour_mm(self, level: float) -> list[Array]:
         """Lines (n, 2) on which the potential has a value."""
@@ -148,6 +144,7 @@ def landscape(joint: JointPotential, t_s: Array, path_m: Array) -> Landscape:
         eigenvalues=joint.potential.eigenvalues,
         lam=joint.potential.sigma_lambda,
         effective_rank=joint.potential.effective_rank,
+        map=joint.map,
     )
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from eal.arrays import Array
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity
-from mocap.pipeline.result import Result
 from mocap.rerun.landscape import Block, Landscape
 from mocap.rerun.row_map import rms
 from mocap.rerun.scene import Scene, ViewCamera
+from mocap.tracking.result import Result
 
 Box = tuple[tuple[float, float], tuple[float, float]]
 """(left, top), (right, bottom)."""

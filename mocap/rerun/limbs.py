@@ -5,8 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.arrays import Array
-from mocap.filters.records import Limb
-from mocap.pipeline.result import Result
+from mocap.filters.limb_potential import Limb
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, series_view
 from mocap.rerun.columns import log_over_time, single, ui
@@ -14,6 +13,7 @@ from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.over_plane import FLIP, log_moving, log_picture, plane_view
 from mocap.rerun.scene_views import eye, world_view
+from mocap.tracking.result import Result
 
 REACH = 0.35
 """Length of the strongest pulls (99 %), over the radius of the scene."""

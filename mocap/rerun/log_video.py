@@ -17,12 +17,12 @@ from mocap.io.dvproject import read_project
 from mocap.io.format import Hints
 from mocap.io.movies import FIRST_PIXEL, Movie, pyav, straightened, straightening
 from mocap.io.registry import by_name, read_as
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result
 from mocap.rerun import paths
 from mocap.rerun.columns import log_over_time
 from mocap.rerun.footage import CameraFootage, Footage
 from mocap.rerun.scene import ViewCamera
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result
 
 if TYPE_CHECKING:
     import av

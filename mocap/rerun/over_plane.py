@@ -9,9 +9,12 @@ from eal.arrays import Array
 from mocap.rerun import palette
 from mocap.rerun.columns import log_over_time, segments, single, ui
 from mocap.rerun.scene_views import last_frames
+from mocap.tracking.joint_map import JointMap, map_picture
 
 FLIP = np.array([1.0, -1.0])
 """Up in an image is up in the second coordinate, hence a view's second coordinate is its negative."""
+PIXELS = 720
+"""Along an edge of the picture of a joint's potential."""
 _ORDERS = {"samples": 10.0, "limb": 18.0, "trail": 20.0, "now": 30.0}
 """In an image the higher is drawn over the lower."""
 
@@ -25,6 +28,15 @@ def plane_view(path: str, name: str, x: Array, y: Array, trail_frames: int) -> r
         visual_bounds=rrb.VisualBounds2D(x_range=[float(x[0]), float(x[-1])], y_range=[-float(y[-1]), -float(y[0])]),
         overrides={f"{path}/trail": last_frames(trail_frames)},
     )
+
+
+def log_map(rec: rr.RecordingStream, path: str, found: JointMap) -> None:
+    """The picture of a joint's potential that all programs show, in millimetres of its plane."""
+    left, right, bottom, top = found.bounds_mm
+    pixel = (right - left) / PIXELS, (top - bottom) / PIXELS
+    rec.log(path, rr.Transform3D(translation=(left, -top, 0), scale=(*pixel, 1)), static=True)
+    png = rr.EncodedImage(contents=map_picture(found, pixels=PIXELS), media_type="image/png", draw_order=-10.0)
+    rec.log(path, png, static=True)
 
 
 def log_picture(rec: rr.RecordingStream, path: str, x: Array, y: Array, value: Array) -> None:
@@ -55,12 +67,13 @@ def log_moving(
     rec: rr.RecordingStream,
     path: str,
     t_s: Array,
-    samples: Array,
+    samples: Array | None,
     way: Array,
     *,
-    dots: palette.Rgb | NDArray[np.uint8],
+    dots: palette.Rgb | NDArray[np.uint8] = palette.GROUND,
     trail: palette.Rgb,
     limb_radius: float = 0.0,
+    limb_color: palette.Rgb = palette.GREY,
     ball_radius: float = 7.0,
 ) -> None:
     """Samples, the point where the joint is, the steps that it took to get there, and the limb from the centre to it.
@@ -69,24 +82,26 @@ def log_moving(
         rec: Where to.
         path: Parent of these entities.
         t_s: (T,) times.
-        samples: (N, D) points; D is 2 or 3.
+        samples: (N, D) points; D is 2 or 3. None: what lies below shows them.
         way: (T, D) the joint.
         dots: Colour of all samples, or (N, 3) of each.
         trail: Colour of the steps.
         limb_radius: In points of the screen; 0: without the limb.
+        limb_color: Of the limb.
         ball_radius: Of the point where the joint is, in points of the screen.
     """
     flat = way.shape[1] == 2
     points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
-    rec.log(f"{path}/samples", points(single(samples), colors=dots, radii=ui(1.25)), static=True)
+    if samples is not None:
+        rec.log(f"{path}/samples", points(single(samples), colors=dots, radii=ui(1.25)), static=True)
     rec.log(f"{path}/now", points.from_fields(colors=palette.VERMILLION, radii=ui(ball_radius)), static=True)
     rec.log(f"{path}/trail", strips.from_fields(colors=trail, radii=ui(1.5)), static=True)
     if limb_radius:
-        rec.log(f"{path}/limb", strips.from_fields(colors=palette.GREY, radii=ui(limb_radius)), static=True)
+        rec.log(f"{path}/limb", strips.from_fields(colors=limb_color, radii=ui(limb_radius)), static=True)
         limb = strips.columns(strips=segments(np.zeros_like(way), way))
         log_over_time(rec, f"{path}/limb", t_s, limb, counts=np.ones(len(way)))
     for part, order in _ORDERS.items() if flat else ():
-        if part != "limb" or limb_radius:
+        if (part != "limb" or limb_radius) and (part != "samples" or samples is not None):
             look = (rr.Points2D if part in ("samples", "now") else rr.LineStrips2D).from_fields(draw_order=order)
             rec.log(f"{path}/{part}", look, static=True)
     log_over_time(rec, f"{path}/now", t_s, points.columns(positions=single(way)), counts=np.ones(len(way)))

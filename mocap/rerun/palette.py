@@ -5,6 +5,7 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.plot import COLORS
 
 Rgb = tuple[int, int, int]
 
@@ -50,4 +51,4 @@ def depth(value: Array) -> NDArray[np.uint8]:
     Returns:
         (..., 3) red, green, blue.
     """
-    return colormaps["viridis"](1 - np.clip(value, 0, 1), bytes=True)[..., :3]
+    return colormaps[COLORS](np.clip(value, 0, 1), bytes=True)[..., :3]

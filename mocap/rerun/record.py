@@ -11,7 +11,6 @@ import rerun.blueprint as rrb
 
 from mocap.cameras.camera import Camera
 from mocap.kinematics.cycles import cycles
-from mocap.pipeline.result import Result
 from mocap.records import MarkerTracks
 from mocap.rerun import paths
 from mocap.rerun.blueprint import screen
@@ -26,6 +25,7 @@ from mocap.rerun.share import QUERY, changed_page, fetched_viewer
 from mocap.rerun.tabs.angles import chosen
 from mocap.rerun.tabs.registry import TABS
 from mocap.skeleton import Skeleton
+from mocap.tracking.result import Result
 
 APPLICATION = "mocap"
 

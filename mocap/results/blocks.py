@@ -19,11 +19,11 @@ from mocap.io.tables_long import COVARIANCES, LongTable
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.result import Result
-from mocap.pipeline.tracking import of_tracks
 from mocap.records import MarkerTracks, Status
 from mocap.results.stored import read_recording
 from mocap.results.tables import cycle_tables, write_table
+from mocap.tracking.result import Result
+from mocap.tracking.tracking import of_tracks
 
 MARKERS, KINEMATICS, BLOCKS = "markers.parquet", "kinematics.parquet", "blocks.csv"
 

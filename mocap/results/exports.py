@@ -16,12 +16,12 @@ from mocap.kinematics.bodies import with_places
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.functional import pose_of
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
-from mocap.pipeline.result import Result
 from mocap.results.bvh import write_bvh
 from mocap.results.keypoints import KEYPOINTS, write_keypoints
 from mocap.results.mjcf import mjcf_text
 from mocap.results.osim import osim_text
 from mocap.skeleton import Skeleton, write_skeleton
+from mocap.tracking.result import Result
 
 AXES_FILE = "axes.toml"
 

@@ -17,12 +17,13 @@ from eal.comparison import Comparison, compare_all
 from eal.potential import load_potential
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current_files
-from mocap.pipeline.potentials import FRAME, PLANAR
-from mocap.pipeline.result import Result
 from mocap.records import Status
 from mocap.rerun.log_comparison import write_comparison_recording
-from mocap.results.stored import RECORDING, read_recording
+from mocap.results.files import RECORDING
+from mocap.results.stored import read_recording
 from mocap.sides import without_side
+from mocap.tracking.potentials import FRAME, PLANAR
+from mocap.tracking.result import Result
 
 By = Literal["trial", "animal"]
 MAP = ("q", "time_a", "time_b", "band")

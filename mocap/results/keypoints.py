@@ -12,8 +12,8 @@ from mocap.cameras.triangulate import linearise
 from mocap.errors import MocapError
 from mocap.io.contents import FileContents
 from mocap.io.registry import by_name, write
-from mocap.pipeline.result import Result
 from mocap.records import PixelTracks
+from mocap.tracking.result import Result
 
 KEYPOINTS = {
     "deeplabcut": {"deeplabcut-h5": "markers.dlc.h5", "deeplabcut-csv": "markers.dlc.csv"},

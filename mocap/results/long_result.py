@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from eal.threads import one_blas_thread
+from mocap.cleaning.cleaned import cleaned as found_by_cleaning
 from mocap.errors import FormatError
 from mocap.filters.model import LearnedModel
 from mocap.filters.models.registry import NAMED
@@ -17,22 +18,21 @@ from mocap.filters.score import Score
 from mocap.findings import over_blocks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles
-from mocap.pipeline.blocks import BLOCK, blocks_of, learn_excerpts, track_block
-from mocap.pipeline.cleaned import cleaned as found_by_cleaning
-from mocap.pipeline.decided import decided
-from mocap.pipeline.job import reported
-from mocap.pipeline.report import counts, together
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result
-from mocap.pipeline.tracking import still
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
+from mocap.reading.decided import decided
 from mocap.recording import Recording
 from mocap.records import Status
+from mocap.report.job import reported
+from mocap.report.report import counts, together
 from mocap.results.blocks import BlockWriter
 from mocap.results.stored import write_arrays
 from mocap.results.tables import write_report
 from mocap.results.tracked import Tracked
+from mocap.tracking.blocks import BLOCK, blocks_of, learn_excerpts, track_block
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result
+from mocap.tracking.tracking import still
 
 R = TypeVar("R", bound=Recording)
 OVERVIEW, DETAIL = 4000, 1500

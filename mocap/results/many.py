@@ -6,16 +6,16 @@ from pathlib import Path
 
 from eal.arrays import Array
 from mocap.errors import MocapError
-from mocap.pipeline.many import ManyTrials
-from mocap.pipeline.many import learn_joints as learn
-from mocap.pipeline.potentials import FRAME, joint_samples
 from mocap.results.stored import read_recording
+from mocap.tracking.many import ManyTrials
+from mocap.tracking.many import learn_joints as learn
+from mocap.tracking.potentials import FRAME, joint_samples
 
 
 def learn_joints(folders: Sequence[str | PathLike[str]]) -> dict[str, ManyTrials]:
     """Learn the potential V_z of each joint from all results that ``mocap track`` wrote into these folders.
 
-    One result at a time is in memory, and read three times (``mocap.pipeline.many``). Of what is returned
+    One result at a time is in memory, and read three times (``mocap.tracking.many``). Of what is returned
     ``potential()`` is that of all trials, ``potential(without=[...])`` that of some, and ``left_out()`` tells how well
     the others know each trial, or each animal; kernel and lambda are those under which trials left out are likeliest.
 

@@ -19,8 +19,8 @@ from mocap.filters.bodies import UNKNOWN_KG, rod_masses
 from mocap.filters.body_axes import body_frames
 from mocap.filters.joint_types import Articulation, articulation
 from mocap.measures import AXES
-from mocap.pipeline.result import Result
 from mocap.records import Status
+from mocap.tracking.result import Result
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

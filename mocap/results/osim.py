@@ -13,8 +13,8 @@ from eal.arrays import Array
 from eal.systems import GRAVITY_M_S2
 from mocap.filters.joint_types import Articulation
 from mocap.measures import AXES
-from mocap.pipeline.result import Result
 from mocap.results.mjcf import fitted_animal, numbers, plain_name
+from mocap.tracking.result import Result
 
 VERSION = "40500"
 KINDS = {"ball": "BallJoint", "universal": "UniversalJoint", "hinge": "PinJoint", "fixed": "WeldJoint"}

@@ -14,9 +14,9 @@ import numpy as np
 from eal.arrays import Array
 from eal.needs import MissingPackageError
 from mocap.errors import MocapError
-from mocap.pipeline.result import Result
 from mocap.records import MarkerTracks, Status
 from mocap.results.mjcf import plain_name
+from mocap.tracking.result import Result
 
 FILE, TABLE = "scaled.osim", "scale_factors.csv"
 

@@ -11,22 +11,24 @@ import xarray as xr
 
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import MODELS, Lens
+from mocap.cleaning.cleaned import Cleaned
 from mocap.documents import from_json
 from mocap.errors import FormatError, beside
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.io.tables import WORDS
 from mocap.json_records import AGAIN, plain, record
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.potentials import Potentials
-from mocap.pipeline.reading import in_arguments
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result
+from mocap.reading.decided import Decided
+from mocap.reading.reading import in_arguments
+from mocap.reading.session import Siblings
 from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
+from mocap.results.files import MARKERS, RECORDING, SKELETON
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.potentials import Potentials
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result
 from mocap.variables import SIZES, VARIABLES, entry_of
 
 INDIVIDUAL = "id_0"
@@ -99,13 +101,13 @@ def plane_dataset(run: Result) -> xr.Dataset:
 FORMAT = "eal-mocap recording 2"
 PARTS: Mapping[str, type] = {
     "decided": Decided,
+    "siblings": Siblings,
     "cleaned": Cleaned,
     "model": ModelChoice,
     "potentials": Potentials,
     "report": Report,
 }
 """Parts that are kept, by their names in the header, each after those that it depends on."""
-RECORDING, MARKERS, SKELETON = "recording.nc", "markers.nc", "skeleton.toml"
 LOOSE = ("point_covariance", "pair_covariance")
 """Not packed: in single precision they would hardly be smaller."""
 

@@ -18,10 +18,10 @@ from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.extremes import cycle_statistics
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
-from mocap.pipeline.reading import in_options
-from mocap.pipeline.result import Result
+from mocap.reading.reading import in_options
 from mocap.records import MarkerTracks
 from mocap.results.stored import plane_dataset, write_arrays
+from mocap.tracking.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd

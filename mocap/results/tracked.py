@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 import pandas as pd
@@ -23,17 +23,12 @@ from mocap.kinematics.frequency import Frequency, frequencies
 from mocap.kinematics.moments import moments
 from mocap.kinematics.records import Kinematics
 from mocap.measures import JointAxes
-from mocap.pipeline.body_potential import BodyPotential, body_potential
-from mocap.pipeline.job import MODELS, existing_model, run_job
-from mocap.pipeline.learning import Model, load_model
-from mocap.pipeline.potentials import JointPotential
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result, rate_points
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
 from mocap.recording import Recording, as_recording
 from mocap.records import Status
+from mocap.report.job import run_job
 from mocap.results.blocks import is_long, load_range
 from mocap.results.cycle_table import CycleTable, cycle_table
 from mocap.results.exports import EXPORTS, TABLES, write_axes
@@ -42,6 +37,12 @@ from mocap.results.tables import write_cycles, write_kinematics, write_plane, wr
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.text import number_of
+from mocap.tracking.body_potential import BodyPotential, body_potential
+from mocap.tracking.learning import Model, load_model
+from mocap.tracking.potentials import JointPotential
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result, rate_points
+from mocap.tracking.track_part import MODELS, existing_model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -148,17 +149,26 @@ class Tracked(Result):
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
-    def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential:
-        """The empirical potential of a joint, with ``value``, ``gradient`` and ``plot``.
+    @overload
+    def potential(self) -> tuple[str, ...]: ...
+    @overload
+    def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential: ...
+    def potential(
+        self, joint: str | None = None, *, translations: bool = False
+    ) -> JointPotential | BodyPotential | tuple[str, ...]:
+        """The empirical potential of a joint, with ``value``, ``at``, ``gradient`` and ``plot``.
 
         Args:
-            joint: Its name; of a joint between bodies V_z is on its rotation.
+            joint: Its name; of a joint between bodies V_z is on its rotation. None: the names of those that there are.
             translations: Of a joint between bodies: on all its six coordinates.
 
         Raises:
             MocapError: there is none of that name, or too few samples were measured.
         """
-        if joint in {one.name for one in self.skeleton.body_joints}:
+        bodies = tuple(one.name for one in self.skeleton.body_joints)
+        if joint is None:
+            return (*self.potentials, *bodies)
+        if joint in bodies:
             axes = self.skeleton.measures.axes.get(joint, JointAxes())
             return body_potential(self.kinematics, joint, axes.sequence, translations=translations)
         found = self.potentials.get(joint)

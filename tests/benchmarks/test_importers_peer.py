@@ -4,9 +4,9 @@ import numpy as np
 
 from benchmarks.importers import CAMERAS, MARKERS, make, ours, peer
 from mocap.cameras.camera import stacked
+from mocap.cleaning.triangulate_file import linear_in_blocks
 from mocap.io.dltdv import read_coefficients
 from mocap.io.registry import read
-from mocap.pipeline.triangulate_file import linear_in_blocks
 
 
 def test_the_loop_and_ours_agree(tmp_path):

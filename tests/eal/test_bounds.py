@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eal import GaussianKernel, bounds, fit_potential
+from eal import GaussianKernel, Projection, bounds, fit_potential
 from eal.integrators import simulate
 from eal.lagrangian import PenalisedModel
 from eal.systems import free_joint
@@ -32,6 +32,27 @@ def test_exponents_are_those_of_the_proof():
     assert bounds.theorem1_gaussian(0.75 * knee, n=n, gap=gap) == pytest.approx(2.0 * np.exp(-2.0 * 0.75**2))
     assert bounds.gap_free(0.8, n=100.0, lam=0.5) == pytest.approx(2.0 * np.exp(-100.0 * 0.16 / 8.0))
     assert bounds.theorem2(n=n, gap=gap) == pytest.approx(2.0 / (20.0 * gap))
+    assert bounds.sharper(0.25, n=100.0, lam=1.0, norm2=0.75) == pytest.approx(np.exp(-4.0))  # (2.5 - 0.5)^2
+
+
+def test_theorem_2_is_nearly_reached_by_one_point_among_many():
+    """One point of probability 0.49 among 4000 others, four samples: the mean of sup |V_j - V_z| is 1 - 0.49^4 there.
+
+    The bound is 2.2 times that: C = 0.5 and even C = 0.9 do not hold.
+    """
+    share, others, n = 0.49, 4000, 4
+    rng, points = np.random.default_rng(3), 100.0 * np.arange(others + 1)[:, None]
+    gap = share - (1.0 - share) / others
+    lam = share - 0.5 * gap
+    apart = []
+    for _ in range(200):
+        drawn = np.where(rng.random(n) < share, 0, rng.integers(1, others + 1, n))
+        seen = np.unique(drawn)
+        found = fit_potential(points[drawn], kernel=GaussianKernel(1.0), lam=lam, spectral_filter=Projection())
+        apart.append(np.abs(found.value(points[seen]) - (seen != 0)).max())
+    mean = float(np.mean(apart))
+    assert mean == pytest.approx(1.0 - share**n, abs=3.0 * np.sqrt(share**n / 200))
+    assert 0.9 / (np.sqrt(n) * gap) < mean < bounds.theorem2(n=n, gap=gap)
 
 
 def test_theorem_3_is_reached_where_all_energy_goes_into_v():

@@ -173,7 +173,7 @@ def test_verdicts_on_the_theorems(tmp_path):
     """As printed theorems 1 and 3 do not hold, as corrected they do; V_j of the circle is the closed form's."""
     verdicts = reproduce(["theorem1", "theorem2", "theorem3"], tmp_path, True)
     assert [v.holds for v in verdicts] == [False, True, True, True, False, True]
-    assert all(v.refused for v in verdicts)  # an exponent 64 times tighter, C = 0.25, a tenth of the bound
+    assert all(v.refused for v in verdicts)  # an exponent 32 times tighter, C = 0.5, a tenth of the bound
     assert ["loose" in v.measured for v in verdicts] == [False, True, False, True, False, True]
     gap, deviations = circle_draws(24)
     sigma = circle.eigenvalues(1.0)

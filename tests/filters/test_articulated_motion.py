@@ -19,11 +19,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from docs.tools.columns import undocumented
+from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.job import run_job
 from mocap.recording import of_points
 from mocap.records import PARTS, MarkerTracks, Status
+from mocap.report.job import run_job
 from mocap.results.stored import read_recording
 from mocap.results.tables import write_run
 from mocap.skeleton import skeleton_text
@@ -150,8 +150,8 @@ def test_angles_come_out_with_deviations_that_hold():
     observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     trials = TrialSet([trial], ARM)
     found = estimate(ArticulatedSettings(), trials, observations)
-    assert found.angles is not None
-    bend, sd = found.angles[:, :, 3]
+    assert "angle_rad" in found.own
+    bend, sd = (found.own[name][:, 3] for name in ("angle_rad", "angle_sd_rad"))
     true = np.radians(60.0) + 0.5 * np.sin(1.3 * np.linspace(0, 4 * np.pi, len(xyz)))
     miss = bend - true - np.median(bend - true)  # angles are counted from the mean pose
     assert np.abs(miss).max() < np.radians(3.0)

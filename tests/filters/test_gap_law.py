@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.triangulate import linear, refine, robust
 from mocap.cleaning.bias import ray_bias
-from mocap.cleaning.clean import clean
+from mocap.cleaning.positions import clean
 
 SETTINGS = PoseSettings(ranks=(4, 6, 8, 11))
 

@@ -6,7 +6,7 @@ from mocap.datasets import make_bat
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.groups import groups_of, part_of, smooth_in_groups
 from mocap.filters.models.base import TrialSet
-from mocap.filters.models.pose import PoseSettings, likely_noise
+from mocap.filters.models.pose import FittedGroups, PoseSettings, likely_noise
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
@@ -43,7 +43,7 @@ def test_one_group_is_the_filter_of_all(bat):
     model, seen, truth = bat
     asked = RatePoints(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,), pairs=((0, 1), (0, 34)))
     whole = smooth(model, seen, truth.t_s, rate_points=asked)
-    one = smooth_in_groups(model, seen, truth.t_s, [np.arange(34)], smooth, rate_points=asked)
+    one = smooth_in_groups(model, seen, truth.t_s, groups=[np.arange(34)], smooth=smooth, rate_points=asked)
     np.testing.assert_allclose(one.xyz_m, whole.xyz_m, atol=1e-12)
     np.testing.assert_allclose(one.cov_m2, whole.cov_m2, rtol=1e-7, atol=1e-15)
     np.testing.assert_allclose(one.log_likelihood, whole.log_likelihood)
@@ -54,16 +54,12 @@ def test_one_group_is_the_filter_of_all(bat):
 
 
 def test_groups_fill_gaps_as_well(bat, monkeypatch):
-    """Half of the markers know the shape at most by the root of two less well than all; so do gaps that it fills.
-
-    ``smooth`` takes them by itself where there are many markers.
-    """
+    """Half of the markers know the shape at most by the root of two less well than all; so do gaps that it fills."""
     model, seen, truth = bat
     asked = RatePoints(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
     whole = smooth(model, seen, truth.t_s, rate_points=asked)
-    monkeypatch.setattr("mocap.filters.track.MOST_MARKERS", 30)
     monkeypatch.setattr("mocap.filters.groups.MOST_MARKERS", 34)
-    found = smooth(model, seen, truth.t_s, rate_points=asked)
+    found = FittedGroups(model, truth.t_s).fill(seen, rate_points=asked)
     assert len(found.observed) == T
     assert sorted(found.observed[0].where[:, 1].tolist()) == list(range(34))
     lost = np.isnan(seen.xyz_m[..., 0])

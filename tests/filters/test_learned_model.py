@@ -15,7 +15,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import smooth
 
 from mocap.errors import MocapError
-from mocap.pipeline.model_file import load_model, save_model
+from mocap.tracking.model_file import load_model, save_model
 from tests.filters.small_model import same, small_model
 
 NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l", "elbow_r", "wrist_r")

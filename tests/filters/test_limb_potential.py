@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from mocap.datasets import make_bat
-from mocap.filters.limb_potential import LimbKeeper
+from mocap.filters.limb_potential import OF_TIMES, LimbKeeper
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import NAMED
 
+from mocap.cleaning.cleaning import clean
 from mocap.kinematics.points import rate_points_for
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.tracking import learn_motion, seen_part, track
+from mocap.reading.ideal_pixels import of_pixels
+from mocap.tracking.tracking import learn_motion, seen_part, track
 
 
 @pytest.fixture(scope="module")
@@ -30,9 +30,9 @@ def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
     model = learn_motion(part, PoseSettings(ranks=(4,), regression=0))
     asked = rate_points_for(part.names, part.skeleton, n_frames=60)
     found = track(part, model, rate_points=asked)
-    limbs = LimbKeeper.of(model.motion).limbs
-    assert list(found.limbs) == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
-    for held, limb in zip(found.limbs.values(), limbs, strict=True):
+    limbs = LimbKeeper.of(model.motion, asked.names)[0].limbs
+    assert found.own["limb"].tolist() == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
+    for held, limb in zip(each_limb(found), limbs, strict=True):
         assert held["state"].shape == (60, 2)
         assert (np.linalg.eigvalsh(held["covariance"]) > 0).all()
         assert (held["at_state"] < 0.9).mean() > 0.9
@@ -50,6 +50,17 @@ def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
         assert lengths.max() > 0
 
 
+def each_limb(found):
+    """What the estimate says of each limb, by its own names; samples without their padding."""
+    for i in range(len(found.own["limb"])):
+        one = {
+            n.removeprefix("limb_"): np.take(of, i, axis=1 if n.removeprefix("limb_") in OF_TIMES else 0)
+            for n, of in found.own.items()
+            if n.startswith("limb_")
+        }
+        yield one | {"samples": one["samples"][np.isfinite(one["samples"][:, 0])]}
+
+
 def barrier(limb, q):
     return float(limb.potential.barrier_value(q))
 
@@ -57,7 +68,7 @@ def barrier(limb, q):
 def test_nothing_is_kept_where_nothing_is_asked(bat):
     part = bat
     model = learn_motion(part, PoseSettings(ranks=(4,), regression=0, potential="none"))
-    assert LimbKeeper.of(model.motion) is None
+    assert not LimbKeeper.of(model.motion, part.names)
 
 
 def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential(bat):
@@ -66,8 +77,8 @@ def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential(bat):
     motion = learn_motion(part, NAMED["articulated"].settings)
     asked = rate_points_for(part.names, part.skeleton, n_frames=60)
     found = track(part, motion, rate_points=asked)
-    assert list(found.limbs) == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
-    for held in found.limbs.values():
+    assert found.own["limb"].tolist() == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
+    for held in each_limb(found):
         assert (held["at_state"] < 0.9).mean() > 0.9
         assert np.nanmax(held["pull"]) > 0
     model, rng = motion.motion, np.random.default_rng(0)

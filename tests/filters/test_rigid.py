@@ -213,6 +213,7 @@ class Both:
         """Of as many frames each."""
         self.parts = parts
         self.n_frames = parts[0].n_frames
+        self.shown = np.any([part.shown for part in parts], axis=0)
 
     def sights(self, frame, mean, cov):
         """Of both."""

@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 
 from mocap.io import apart
 from mocap.io.apart import most_bytes
-from mocap.pipeline import potentials
 from mocap.plots import figures
 from mocap.plots.figures import Picture
 from mocap.rerun import record
+from mocap.tracking import potentials
 
 NONE = Figure()
 CHOSEN = {}

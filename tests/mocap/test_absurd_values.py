@@ -20,8 +20,8 @@ from mocap.io.contents import point_recording
 from mocap.io.lines import frame_numbers, number
 from mocap.io.plausible import plausible
 from mocap.io.registry import read, write
-from mocap.pipeline.model_file import load_model
 from mocap.records import MarkerTracks
+from mocap.tracking.model_file import load_model
 
 VICON = "Trajectories\n100\n,,A:tip,,,A:root,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n,,mm,mm,mm,mm,mm,mm\n"
 DAMAGED = True

@@ -9,7 +9,7 @@ from mocap.datasets import make_lizard
 import mocap
 from mocap.audit.across import TrialFacts, compared, median_lengths, scale
 from mocap.findings import Kind
-from mocap.pipeline.session import facts_of
+from mocap.reading.session import facts_of
 from tests.real_data import real
 
 MARKERS = tuple("abcdef")

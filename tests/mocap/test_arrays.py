@@ -10,12 +10,12 @@ from mocap.datasets import make_bat, write_recording
 
 import mocap
 from mocap.cameras.camera import Camera, dlt_coefficients
+from mocap.cleaning.cleaning import clean
 from mocap.io.contents import point_recording
 from mocap.io.movement import write_movement
 from mocap.io.netcdf import read_netcdf
 from mocap.io.registry import read as read_file
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.decided import Decided
+from mocap.reading.decided import Decided
 from mocap.skeleton import Bone, Joint, write_skeleton
 from mocap.skeleton_files import read_skeleton
 

@@ -9,11 +9,11 @@ from mocap.filters.joint_types import articulation, undetermined
 from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
-from mocap.pipeline.tracking import of_tracks
 from mocap.records import marker_tracks
 from mocap.results.mjcf import mjcf_text
 from mocap.results.osim import osim_text
 from mocap.skeleton import Bone, Skeleton
+from mocap.tracking.tracking import of_tracks
 
 NAMES = ("a", "b", "c", "shoulder", "elbow", "wrist", "tip")
 LENGTHS = (0.3, 0.25, 0.1)

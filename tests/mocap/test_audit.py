@@ -18,9 +18,9 @@ from mocap.audit import (
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.stored import _one_v_row
 from mocap.cameras.camera import Camera, flipped, project, record, stacked, undistorted
-from mocap.cameras.origin import PixelCorner, PixelOptions, decide_origin
+from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.records import MarkerTracks, PixelCorner, PixelTracks, Status
 from tests.mocap.rigs import ring
 
 NOISE_PX = 0.5

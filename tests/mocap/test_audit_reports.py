@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from mocap.audit.inspect import inspect, readable
+from mocap.cleaning.cleaned import Cleaned
+from mocap.cleaning.cleaning import clean as cleaned
 from mocap.io.dltdv import write_coefficients, write_pixels
 from mocap.io.format import Hints
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.cleaning import clean as cleaned
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
 from mocap.records import PixelTracks
 from tests.mocap.test_audit import clean
 

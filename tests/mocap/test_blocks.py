@@ -14,23 +14,23 @@ from mocap.filters.models.constant_velocity import MarkerSettings
 
 import mocap
 from docs.tools import columns
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, Kind, over_blocks
 from mocap.io.output import result_folder
-from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.job import track_part
-from mocap.pipeline.learning import learn_from
-from mocap.pipeline.tracking import learn_motion, seen_part
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.rerun.record import write_recording
 from mocap.results.blocks import load_range
 from mocap.results.long_result import write_in_blocks
 from mocap.skeleton import Joint, Skeleton
+from mocap.tracking.blocks import LEAST, MOST, blocks_of, learn_excerpts, margin, track_block
+from mocap.tracking.learning import learn_from
+from mocap.tracking.track_part import track_part
+from mocap.tracking.tracking import learn_motion, seen_part
 
 T = 350
 SHOWN = [*range(9), 13, 14, 17]  # trunk and an arm of the bat
@@ -79,8 +79,8 @@ def one_motion(bat):
         return FittedMotion(replace(once, start_m=first), part.t_s)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mocap.pipeline.job.learn_motion", known)
-        patch.setattr("mocap.pipeline.blocks.LEAST_S", 0.25)
+        patch.setattr("mocap.tracking.track_part.learn_motion", known)
+        patch.setattr("mocap.tracking.blocks.LEAST_S", 0.25)
         yield
 
 
@@ -299,9 +299,9 @@ def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
 
 def test_rays_in_blocks_of_which_some_show_nothing(tmp_path, monkeypatch):
     """The report has residuals and counts of all frames; where nothing is seen all is missing, and is written."""
-    monkeypatch.setattr("mocap.pipeline.blocks.MOST", 20)
-    monkeypatch.setattr("mocap.pipeline.blocks.LEAST", 10)
-    monkeypatch.setattr("mocap.pipeline.blocks.LEAST_S", 0.0)
+    monkeypatch.setattr("mocap.tracking.blocks.MOST", 20)
+    monkeypatch.setattr("mocap.tracking.blocks.LEAST", 10)
+    monkeypatch.setattr("mocap.tracking.blocks.LEAST_S", 0.0)
     film = make_bat(n_frames=200, n_cameras=3)
     names, uv = film.truth.names[:9], np.array(film.pixels.uv_px[:, :, :9])
     uv[:, 60:140] = np.nan
@@ -324,13 +324,13 @@ def test_rays_in_blocks_of_which_some_show_nothing(tmp_path, monkeypatch):
 
 def test_a_mixture_is_learned_once(bat, monkeypatch):
     """Of stretches of the recording; those inside a block are no part of what it is tracked with."""
-    monkeypatch.setattr("mocap.pipeline.blocks.EXCERPTS", 2)
-    monkeypatch.setattr("mocap.pipeline.blocks.EXCERPT", 120)
+    monkeypatch.setattr("mocap.tracking.blocks.EXCERPTS", 2)
+    monkeypatch.setattr("mocap.tracking.blocks.EXCERPT", 120)
     each = partial(learn_from, models=(EACH_MARKER, MarkerSettings()), effort=Effort(validated=1, times=1))
-    monkeypatch.setattr("mocap.pipeline.blocks.learn_from", each)
+    monkeypatch.setattr("mocap.tracking.blocks.learn_from", each)
     given = []
     monkeypatch.setattr(
-        "mocap.pipeline.blocks.track_part",
+        "mocap.tracking.blocks.track_part",
         lambda *one, **options: given.append(options["learned"]) or track_part(*one, **options),
     )
     learned, why = learn_excerpts(bat)

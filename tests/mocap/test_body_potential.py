@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
 from mocap.kinematics.records import Kinematics, Quantity
-from mocap.pipeline.body_potential import body_potential
+from mocap.tracking.body_potential import body_potential
 
 
 def six(rotation, shift_m, *, measured=True):

@@ -8,9 +8,9 @@ from mocap.cameras.camera import record
 from mocap.cameras.origin import PixelOptions
 from mocap.cameras.triangulate import robust
 from mocap.cleaning.bias import carried, hand_sd
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.edits import Edit, edited
-from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.cleaning.cleaning import clean
+from mocap.reading.edits import Edit, edited
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.records import PixelTracks, Status
 from tests.mocap.rigs import ring
 

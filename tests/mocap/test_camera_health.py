@@ -9,10 +9,10 @@ from mocap.datasets import PERFECT, make_bat, make_lizard, write_recording
 from mocap.cameras.camera import project, stacked, undistorted
 from mocap.cameras.triangulate import fit, linear, linearise, refine
 from mocap.cleaning.camera_health import camera_health
+from mocap.cleaning.cleaning import clean
+from mocap.cleaning.sentences import camera_findings
 from mocap.io.dvproject import read_project
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.reading import read
-from mocap.pipeline.sentences import camera_findings
+from mocap.reading.reading import read
 from tests.real_data import real
 
 

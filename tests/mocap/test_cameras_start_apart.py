@@ -9,8 +9,8 @@ from mocap.audit.offsets import moved, offset_findings, start_offsets
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.ideal_pixels import of_pixels
+from mocap.reading.decided import Decided
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.records import PixelTracks
 
 STARTS = np.array([0, 173, -61])

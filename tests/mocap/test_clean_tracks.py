@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mocap.datasets import PERFECT, make_bat, make_lizard
 
-from mocap.cleaning.clean import REASONS, clean, duplicates, jumps, off_course, speed_limits, stretched
+from mocap.cleaning.positions import REASONS, clean, duplicates, jumps, off_course, speed_limits, stretched
 from mocap.skeleton import Bone, Skeleton
 from tests.reference.cleaning import fewest_jumps
 

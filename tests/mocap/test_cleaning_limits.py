@@ -10,9 +10,9 @@ from mocap.cameras.triangulate import linear, residual_px, robust
 from mocap.cleaning import swap_states, swaps
 from mocap.cleaning.bias import hand_sd, lasting_share, persistent_px
 from mocap.cleaning.camera_health import camera_health
-from mocap.cleaning.clean import stretched
 from mocap.cleaning.click_noise import _most_likely_dof, student_t
 from mocap.cleaning.likelihoods import likelihood_noise
+from mocap.cleaning.positions import stretched
 from mocap.cleaning.swap_states import settle
 from mocap.cleaning.swapped_rays import _Rays, _runs, agreement, extent_px
 from mocap.cleaning.swaps import BoneLength, pair_evidence, runs_of, unbroken

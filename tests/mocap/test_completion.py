@@ -8,7 +8,7 @@ import pytest
 from openpyxl import Workbook
 
 from mocap.cli.main import main
-from mocap.pipeline.job import MODELS
+from mocap.tracking.track_part import MODELS
 
 pytestmark = pytest.mark.quick
 

@@ -8,12 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import main
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.manifest import MANIFEST
 from mocap.io.registry import read, write
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.reading import read as read_recording
+from mocap.reading.reading import read as read_recording
 from mocap.records import Status
 from mocap.results.tracked import Tracked
 from tests.mocap.recordings import points

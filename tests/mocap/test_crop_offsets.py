@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 
 import mocap
 from mocap.cameras.camera import project, stacked
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import app
 from mocap.errors import FormatError
 from mocap.io.crop import crops_of, matched, read_crops
 from mocap.io.dltdv import read_points, write_coefficients
-from mocap.pipeline.cleaning import clean
 from tests.mocap.rigs import cloud, ring
 from tests.real_data import real
 

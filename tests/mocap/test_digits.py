@@ -6,11 +6,11 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 
 import mocap
+from mocap.cleaning.triangulate_file import triangulate_file
 from mocap.io.contents import point_recording
 from mocap.io.csv_table import decimals_in, decimals_of
 from mocap.io.dltdv import write_points
 from mocap.io.registry import read, write
-from mocap.pipeline.triangulate_file import triangulate_file
 from mocap.records import MarkerTracks, Status
 from mocap.results.tables import write_markers
 

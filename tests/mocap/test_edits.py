@@ -13,13 +13,13 @@ import pandas as pd
 import pytest
 
 import mocap
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import app
 from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.edits import Edit, append_edit, edited, read_edits, read_log, samples_of, standing
-from mocap.pipeline.retrack import tracked_again
+from mocap.reading.edits import Edit, append_edit, edited, read_edits, read_log, samples_of, standing
 from mocap.records import Status
+from mocap.tracking.retrack import tracked_again
 from tests.mocap.desk.filmed_trial import FPS, GAP, trial
 from tests.mocap.digitising.filmed import NAMES
 
@@ -70,7 +70,7 @@ def test_a_kill_loses_no_edit_that_was_acknowledged(tmp_path):
     path = tmp_path / "edits.jsonl"
     script = f"""
         from pathlib import Path
-        from mocap.pipeline.edits import Edit, append_edit
+        from mocap.reading.edits import Edit, append_edit
         for n in range(1, 100000):
             append_edit(Path({str(path)!r}), Edit(what="delete", who="x", when="", frame=n, marker="a" * 200))
             print(n, flush=True)

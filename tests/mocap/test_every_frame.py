@@ -8,11 +8,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eal.arrays import frozen
+from mocap.cleaning.cleaning import clean
 from mocap.errors import FormatError
 from mocap.io.every_frame import MOST, every_frame, frame_steps
 from mocap.io.registry import write
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
 from mocap.records import Status
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
 

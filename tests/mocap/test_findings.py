@@ -5,7 +5,7 @@ from inspect import signature
 import pytest
 
 import mocap
-from mocap.cleaning.clean import REASONS
+from mocap.cleaning.positions import REASONS
 from mocap.cleaning.swaps import DOUBTFUL
 from mocap.findings import Finding, Harm, Kind, alarm, alarms, worst_first
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mocap.pipeline.summary import error_lines
+from mocap.report.summary import error_lines
 
 
 @pytest.mark.parametrize(

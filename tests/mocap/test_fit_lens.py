@@ -10,14 +10,14 @@ from mocap.cameras.camera import Camera, project, stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.lens_of_tracks import lens_of_tracks
 from mocap.cameras.origin import PixelOptions
+from mocap.cleaning.cleaning import clean as cleaned
 from mocap.errors import CalibrationError
-from mocap.pipeline.cleaning import clean as cleaned
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.tracking import lasting_cov
+from mocap.reading.decided import Decided
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import Recording
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
+from mocap.tracking.tracking import lasting_cov
 from tests.mocap.rigs import cloud, ring
 
 

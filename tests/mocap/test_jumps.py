@@ -10,13 +10,13 @@ from mocap.datasets import make_bat, make_lizard
 from mocap.audit import alarms, audit_filmed, audit_recording, jump_findings
 from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import PixelOptions, decide_origin
+from mocap.cleaning.cleaned import Cleaned
+from mocap.cleaning.cleaning import clean
 from mocap.io.contents import FileContents
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.tracking import jump_cov
 from mocap.recording import of_points
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
+from mocap.tracking.tracking import jump_cov
 
 
 def audited(twin, uv):

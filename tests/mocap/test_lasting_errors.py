@@ -3,9 +3,9 @@
 import numpy as np
 from mocap.datasets import make_bat
 
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.tracking import lasting_cov
+from mocap.cleaning.cleaning import clean
+from mocap.reading.ideal_pixels import of_pixels
+from mocap.tracking.tracking import lasting_cov
 
 
 def test_a_gap_gets_the_covariance_of_one_of_the_samples_of_its_marker():

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.job import run_job
-from mocap.pipeline.model_file import save_model
-from mocap.pipeline.reading import read
-from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.reading.reading import read
 from mocap.recording import of_points
 from mocap.records import MarkerTracks, Status
+from mocap.report.job import run_job
 from mocap.skeleton import Skeleton
+from mocap.tracking.model_file import save_model
+from mocap.tracking.tracking import marker_trial, seen_part
 from tests.filters.small_model import small_model
 
 

@@ -19,19 +19,19 @@ from mocap.filters.observations import PositionObservations
 from mocap.filters.score import joined, residuals_of
 from mocap.filters.track import smooth
 
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST
-from mocap.pipeline import learning
-from mocap.pipeline.arrays import from_arrays
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.learning import _told_apart, readable_scores
-from mocap.pipeline.model_file import load_model, save_model
-from mocap.pipeline.reading import read
-from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.reading.arrays import from_arrays
+from mocap.reading.reading import read
 from mocap.recording import Source, of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton, write_skeleton
+from mocap.tracking import learning
+from mocap.tracking.learning import _told_apart, readable_scores
+from mocap.tracking.model_file import load_model, save_model
+from mocap.tracking.tracking import marker_trial, seen_part
 from tests.real_data import real
 
 NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l")

@@ -48,7 +48,7 @@ def saved(tracked, tmp_path_factory):
 def test_tracking_does_not_import_all_statistics():
     """``scipy.stats``, which ``scipy.signal`` loads as well, is a quarter of what is imported, for two formulas."""
     script = (
-        "import sys, mocap.cli.main, mocap.results.tracked, mocap.pipeline.job; "
+        "import sys, mocap.cli.main, mocap.results.tracked, mocap.report.job; "
         "print(*sorted({'scipy.stats', 'scipy.signal', 'filterpy'} & set(sys.modules)))"
     )
     found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
@@ -232,6 +232,25 @@ def test_the_gradient_of_a_joints_potential_is_its_slope(tracked):
     np.testing.assert_allclose(potential.hessian(q), turn, rtol=1e-4, atol=1e-4 * np.abs(turn).max())
 
 
+def test_a_potential_is_asked_at_an_angle_and_shows_how_often_it_was_there(tracked):
+    """At an angle of degrees V is that of the point there; the shares of all bars are 1; joints are listed."""
+    name = next(iter(tracked.potentials))
+    assert tracked.potential() == tuple(tracked.potentials)
+    potential = tracked.potential(name)
+    found = potential.map
+    x, y = potential.samples_m.T
+    length = np.median(np.hypot(x, y))
+    angle = np.degrees(np.arctan2(y, x))
+    at = potential.at(degrees=angle)
+    q = length * np.stack([np.cos(np.radians(angle)), np.sin(np.radians(angle))], axis=-1)
+    np.testing.assert_allclose(at, potential.value(q), atol=1e-12)
+    assert potential.at(degrees=90).shape == ()
+    assert found.share.sum() == pytest.approx(1.0)
+    assert np.isnan(found.never_deg) or potential.at(degrees=found.never_deg) > 0.9
+    beyond = found.degrees[np.argmax(found.share)]
+    assert np.abs((angle - beyond + 180) % 360 - 180).min() <= 2.5  # half of a bar
+
+
 def test_plots_show_the_samples_they_are_of(tracked):
     """The lines of a joint are its coordinates in mm; the points of a potential its samples."""
     from matplotlib import pyplot
@@ -245,16 +264,19 @@ def test_plots_show_the_samples_they_are_of(tracked):
     ax = tracked.potential(name).plot()
     points = ax.get_lines()[0]
     np.testing.assert_allclose(points.get_xdata(), 1e3 * tracked.potential(name).samples_m[:, 0])
-    assert "low where the joint goes" in ax.get_title()
+    assert "yellow where it was held" in ax.get_title()
     places = {text.get_text(): text.get_position() for text in ax.texts if text.get_text().endswith("°")}
-    assert places
+    assert "0°" in places
     for text, (x, y) in places.items():  # degrees are those of the map's own axes
         assert abs((np.degrees(np.arctan2(y, x)) - float(text[:-1]) + 180) % 360 - 180) < 1e-6
-    bar, low = ax.child_axes[0], ax.collections[0].get_facecolors()[0][:3]
-    assert bar.get_position().height > 0.9 * ax.get_position().height
-    np.testing.assert_allclose(
-        255 * low, depth(np.array([1 / 40]))[0], atol=1
-    )  # rerun's colours; the middle of the first step
+    image = ax.get_images()[0]
+    np.testing.assert_allclose(255 * np.array(image.cmap(0.0)[:3]), depth(np.array([0.0]))[0], atol=1)  # rerun's
+    expert = tracked.potential(name).plot(expert=True)
+    bar, low = expert.child_axes[0], expert.collections[0].get_facecolors()[0][:3]
+    assert bar.get_position().height > 0.9 * expert.get_position().height
+    assert "rank" in expert.get_title()
+    # the middle of the first step
+    np.testing.assert_allclose(255 * low, depth(np.array([1 / 40]))[0], atol=1)
     with pytest.raises(mocap.MocapError, match="give one of world, body, plane, limb"):
         joint.plot("room")
     with pytest.raises(mocap.MocapError, match="no potential of a joint 'ear'"):

@@ -8,10 +8,10 @@ from mocap.datasets import PERFECT, make_bat
 
 import mocap
 from mocap.cameras.camera import project, stacked
+from mocap.cleaning.cleaned import Cleaned
+from mocap.cleaning.cleaning import clean
 from mocap.cleaning.likelihoods import likelihood_noise
 from mocap.io.anipose import write_calibration
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.cleaning import clean
 
 SD_PX = 1.0
 WORTHLESS = 0.3

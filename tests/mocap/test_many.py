@@ -8,12 +8,12 @@ import mocap
 from eal import fit_potential
 from eal.sums import total
 from mocap.errors import MocapError
-from mocap.pipeline.job import run_job
-from mocap.pipeline.many import learn_joints
 from mocap.recording import of_points
 from mocap.records import marker_tracks
+from mocap.report.job import run_job
 from mocap.results.stored import write_arrays
 from mocap.skeleton import Joint, Skeleton
+from mocap.tracking.many import learn_joints
 
 
 def samples(name: str) -> dict[str, np.ndarray]:

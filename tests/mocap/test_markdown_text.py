@@ -10,14 +10,14 @@ from mocap.datasets import make_bat, write_recording
 from mocap.filters.models.registry import NAMED
 
 from mocap.calibration.calibration_files import table
+from mocap.cleaning.cleaned import Cleaned
+from mocap.cleaning.cleaning import clean
 from mocap.findings import readings
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.reading import read
-from mocap.pipeline.report import make_report, readable
-from mocap.pipeline.tracking import learn_motion, seen_part, track, with_track
+from mocap.reading.reading import read
+from mocap.report.report import make_report, readable
 from mocap.text import plain
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.tracking import learn_motion, seen_part, track, with_track
 
 HOSTILE = (
     "a|b", "`rm`", "<img src=x onerror=alert(1)>", "[red]x[/red]", "![x](http://x)", "*bold*", "_it_", "a\\|b", "&lt;",

@@ -10,7 +10,7 @@ from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.errors import FormatError
-from mocap.pipeline.model_file import load_model, save_model
+from mocap.tracking.model_file import load_model, save_model
 from tests.filters.small_model import same, small_model
 
 

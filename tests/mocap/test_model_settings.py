@@ -16,7 +16,7 @@ from mocap.filters.models.registry import MODELS
 from mocap.filters.models.smooth_acceleration import SmoothSettings
 from mocap.filters.observations import PositionObservations
 
-from mocap.pipeline.model_file import read, written
+from mocap.tracking.model_file import read, written
 from tests.filters.test_gaps_in_trials import trial_of
 
 POSE = PoseSettings(ranks=(2,), bones=1 / 3)

@@ -6,8 +6,8 @@ import numpy as np
 from mocap.filters.moving import Rates
 from mocap.filters.velocities import RatePoints
 
-from mocap.pipeline.tracking import motion_of
 from mocap.records import MarkerTracks, Status
+from mocap.tracking.tracking import motion_of
 
 FRAMES, NAMES = 6, ("a", "b")
 

@@ -7,11 +7,11 @@ from mocap.filters.observations import WHOLE
 from mocap.filters.observe import Observed
 from mocap.filters.records import Estimate
 
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.tracking import moved_report, seen_part, with_track
+from mocap.cleaning.cleaning import clean
 from mocap.recording import of_points
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
+from mocap.tracking.tracking import moved_report, seen_part, with_track
 
 SD_M = 1e-3
 

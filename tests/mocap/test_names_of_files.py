@@ -3,7 +3,7 @@
 import pytest
 from mocap.datasets import make_lizard, write_recording
 
-from mocap.pipeline.reading import recording_name, stored_file
+from mocap.reading.reading import recording_name, stored_file
 
 
 @pytest.mark.parametrize(("pixels", "points"), [("xypts.csv", "XYZPTS.CSV"), ("XYpts.csv", "xyzPts.CSV")])

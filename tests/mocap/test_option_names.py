@@ -13,9 +13,9 @@ import mocap
 from mocap.cli.console import option_names
 from mocap.cli.main import app, main
 from mocap.cli.options import RecordingOptions, with_records
-from mocap.pipeline.reading import OPTIONS
-from mocap.pipeline.report_part import Report
+from mocap.reading.reading import OPTIONS
 from mocap.text import with_options
+from mocap.tracking.report_part import Report
 
 ROWS = "a_x,a_y,a_z\n" + "\n".join(f"{i},{i},{i}" for i in range(9)) + "\n"
 

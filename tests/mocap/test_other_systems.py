@@ -18,9 +18,9 @@ from mocap.io.apart import limit_windows_memory
 from mocap.io.format import head
 from mocap.io.manifest import MANIFEST, current
 from mocap.io.output import result_folder
-from mocap.pipeline.potentials import JointPotential, Potentials
 from mocap.results import stored
 from mocap.text import file_names
+from mocap.tracking.potentials import JointPotential, Potentials
 from tests.mocap.rerun.flapping import make_run
 
 

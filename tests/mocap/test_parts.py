@@ -5,17 +5,18 @@ import pytest
 from mocap.datasets import make_bat
 
 import mocap
+from mocap.cleaning.cleaned import Cleaned
 from mocap.errors import FormatError, MocapError
-from mocap.findings import Finding, worst_first
+from mocap.findings import Finding, Kind, worst_first
 from mocap.json_records import plain, record
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.potentials import Potentials
-from mocap.pipeline.report_part import Report
+from mocap.reading.decided import Decided
+from mocap.reading.session import Siblings
 from mocap.recording import Recording
 from mocap.rerun.footage import Footage
 from mocap.results.stored import PARTS
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.potentials import Potentials
+from mocap.tracking.report_part import Report
 from tests.mocap.same import same, same_result
 from tests.real_data import real
 
@@ -68,7 +69,8 @@ def test_every_part_keeps_the_protocol(kind, tracked, tmp_path):
     """All frames and all markers of it are it; what a file holds of it is it again; its findings are findings."""
     assert kind.step in ("read", "clean", "track")
     assert set(kind.depends_on) <= {one.__name__ for one in PARTS.values()}
-    part = Footage(cameras=()) if kind is Footage else tracked[kind]
+    alone = {Footage: Footage(cameras=()), Siblings: Siblings(told=(Finding(kind=Kind.UNLIKE_SIBLINGS, text="x"),))}
+    part = alone[kind] if kind in alone else tracked[kind]
     n_frames, n_markers = tracked.xyz_m.shape[:2]
     for cut in (part.at(np.arange(n_frames)), part.only(np.arange(n_markers))):
         same(part, cut, kind.__name__)

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 
 from mocap.cameras.camera import project, stacked
+from mocap.cleaning import sentences
+from mocap.cleaning.cleaning import clean
 from mocap.cli.track import block_size
-from mocap.pipeline import blocks, learning, potentials, sentences
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.propose_measures import _swing, cycle_frames, stands
-from mocap.pipeline.retrack import tracked_again
-from mocap.pipeline.summary import Expected
-from mocap.pipeline.tracking import moved
-from mocap.pipeline.two_rays import Disagreement, _wrong_rays, disagreements
+from mocap.proposing.propose_measures import _swing, cycle_frames, stands
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import of_points
 from mocap.records import PixelTracks, Status, marker_tracks
+from mocap.report.summary import Expected
 from mocap.skeleton import Skeleton
+from mocap.tracking import blocks, learning, potentials
+from mocap.tracking.retrack import tracked_again
+from mocap.tracking.tracking import moved
+from mocap.tracking.two_rays import Disagreement, _wrong_rays, disagreements
 from tests.mocap.rigs import ring
 
 

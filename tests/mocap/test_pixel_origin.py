@@ -12,11 +12,11 @@ from mocap.cameras import origin
 from mocap.cameras.camera import dlt_coefficients, flipped, may_be_cropped, picture_size, record
 from mocap.cameras.origin import OriginError, PixelOptions, decide_origin
 from mocap.cameras.triangulate import linear
+from mocap.cleaning.cleaning import clean
 from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.decided import Decided
-from mocap.pipeline.reading import of_session, read
+from mocap.reading.decided import Decided
+from mocap.reading.reading import of_session, read
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_audit import moving
@@ -170,7 +170,7 @@ def test_reading_decides_and_cleaning_does_not(tmp_path, monkeypatch):
     assert recording[Decided].rows.pixels == "upper-left"
     assert recording.values("ideal").shape == recording.values("pixels").shape
     assert "pixel origin upper-left" in repr(recording)
-    monkeypatch.setattr("mocap.pipeline.ideal_pixels.decide_origin", lambda *_: pytest.fail("decided again"))
+    monkeypatch.setattr("mocap.reading.ideal_pixels.decide_origin", lambda *_: pytest.fail("decided again"))
     assert clean(recording)[Decided].rows == recording[Decided].rows
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from mocap.datasets import PERFECT, make_bat, write_recording
 
+from mocap.cleaning.cleaning import clean
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import with_profile
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
 
 FPS = 240.0
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from mocap.cli.main import main
 from mocap.errors import MocapError
-from mocap.pipeline.propose_skeleton import (
+from mocap.proposing.propose_skeleton import (
     SOFT,
     joint_triples,
     kept_distances,
@@ -22,7 +22,7 @@ from mocap.pipeline.propose_skeleton import (
     spanning_bones,
     trunk_of,
 )
-from mocap.pipeline.reading import read
+from mocap.reading.reading import read
 from mocap.skeleton import Bone, Joint, Skeleton, skeleton_text
 from mocap.skeleton_files import read_skeleton
 from tests.filters.bodies_trials import two_bodies
@@ -249,7 +249,7 @@ def test_a_skeleton_is_written_where_it_is_wanted(mocap, tmp_path, monkeypatch):
     assert (code, out) == (0, b""), err
     code, out, _ = mocap("skeleton", files["points"], "--fps", 100)
     assert out == path.read_bytes()
-    monkeypatch.setattr("mocap.pipeline.propose_skeleton.propose_skeleton", None)  # it is refused before the work
+    monkeypatch.setattr("mocap.proposing.propose_skeleton.propose_skeleton", None)  # it is refused before the work
     code, _, err = mocap("skeleton", files["points"], "--fps", 100, "--out", path)
     assert code == 1
     assert "--force" in err

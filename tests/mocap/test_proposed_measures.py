@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mocap.cli.main import main
-from mocap.pipeline.propose_measures import cycle_frames, stands
+from mocap.proposing.propose_measures import cycle_frames, stands
 from mocap.skeleton_files import read_skeleton
 
 RNG = np.random.default_rng(2)

@@ -6,8 +6,8 @@ import xarray as xr
 from mocap.datasets import make_bat
 
 import mocap
+from mocap.cleaning.cleaned import SINCE_CLEAN, Cleaned, written
 from mocap.errors import MocapError
-from mocap.pipeline.cleaned import SINCE_CLEAN, Cleaned, written
 from mocap.records import Status
 from mocap.variables import VARIABLES
 

@@ -9,7 +9,7 @@ from scipy.special import chdtr
 
 from mocap.batches import engine, trial
 from mocap.errors import MocapError
-from mocap.pipeline.propose_skeleton import Kept, spanning_bones
+from mocap.proposing.propose_skeleton import Kept, spanning_bones
 from mocap.records import Status, marker_tracks
 from mocap.rerun.tabs.health import nis_band
 from mocap.results import keypoints, long_result

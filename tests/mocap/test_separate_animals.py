@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.pipeline.sentences import never_together
+from mocap.cleaning.sentences import never_together
 
 
 def test_points_that_are_never_together_are_said_to_be():

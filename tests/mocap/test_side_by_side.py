@@ -22,11 +22,11 @@ from mocap.filters.models.constant_velocity import MarkerSettings
 import mocap
 from mocap import side_by_side
 from mocap.errors import MocapError
-from mocap.pipeline import learning, tracking
-from mocap.pipeline.job import run_job
-from mocap.pipeline.reading import read
 from mocap.plots.figures import pictures
+from mocap.reading.reading import read
+from mocap.report.job import run_job
 from mocap.side_by_side import Lost, NoProcess, call_all, opened
+from mocap.tracking import learning, tracking
 from tests.filters.test_gaps_in_trials import trial_of
 
 HERE = os.getpid()

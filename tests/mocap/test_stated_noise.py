@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from mocap.datasets import make_bat, write_recording
 
+from mocap.cleaning.cleaned import Cleaned
+from mocap.cleaning.cleaning import clean
+from mocap.cleaning.triangulate_file import triangulate_file
 from mocap.findings import Kind
 from mocap.io.dltdv import read_points
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.reading import read
-from mocap.pipeline.tracking import marker_trial, seen_part
-from mocap.pipeline.triangulate_file import triangulate_file
+from mocap.reading.reading import read
+from mocap.tracking.tracking import marker_trial, seen_part
 
 SAME = 1e-12
 """Products and roots of a few numbers in double precision."""

@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.attack.records import KINDS, as_text, judged, sound, tampered
 from mocap.digitising.clicks import read_unseen, write_unseen
-from mocap.pipeline import potentials
 from mocap.results import stored
+from mocap.tracking import potentials
 
 FEW = ("missing", "NaN")
 """Of results, which take a second each to be read: these alone, in turn, of every sixth entry; of headers what is at

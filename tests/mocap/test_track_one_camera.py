@@ -11,8 +11,8 @@ from mocap.filters.models.pose import PoseSettings
 
 import mocap
 from mocap.errors import MocapError
-from mocap.pipeline.learning import Model
-from mocap.pipeline.sentences import one_camera
+from mocap.tracking.learning import Model
+from mocap.tracking.one_camera import _told
 from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, flapping
 from tests.mocap.same import same_result
 
@@ -84,12 +84,12 @@ def test_positions_statuses_and_velocities_are_there_as_from_many_cameras(files,
 def test_wider_intervals_and_a_single_trial_are_said():
     """Three of four frames are widened, by an RMS of sqrt((1.5^2 + 2 * 3^2) / 3) = 2.598; of none nothing is said."""
     wider = np.array([1.0, 1.5, 3.0, 3.0])
-    one, two = (one_camera(None, 0, wider, trials=trials, loose=False) for trials in (1, 2))
+    one, two = (_told(None, 0, wider, trials=trials, loose=False) for trials in (1, 2))
     numbers = {finding.kind: finding.numbers for finding in one}
     assert numbers["wider intervals"] == pytest.approx({"share": 0.75, "times": 2.598, "most": 3.0}, abs=5e-4)
     assert "75% of the frames are 2.60 times as large" in str(one[1])
     assert {finding.kind for finding in one} - {finding.kind for finding in two} == {"one trial"}
-    assert [finding.kind for finding in one_camera(None, 0, np.ones(4), trials=2, loose=False)] == ["one camera"]
+    assert [finding.kind for finding in _told(None, 0, np.ones(4), trials=2, loose=False)] == ["one camera"]
 
 
 def test_without_a_model_it_says_what_to_do(files):

@@ -34,7 +34,7 @@ def failing(mocap, files, tmp_path, monkeypatch):
         def fail(*_args: object, **_options: object):
             raise error
 
-        monkeypatch.setattr("mocap.pipeline.triangulate_file.triangulate_file", fail)
+        monkeypatch.setattr("mocap.cleaning.triangulate_file.triangulate_file", fail)
         given = ["--dlt", files["coefficients"], "--out", tmp_path / "out.csv"]
         return mocap("triangulate", files["pixels"], *given, *options)
 
@@ -326,8 +326,8 @@ def test_what_is_not_there_is_said_to_be_missing(tmp_path, monkeypatch):
     """No file or folder that is not there is called damaged or of another kind; names like its are told."""
     import mocap
     from mocap.io.registry import read as read_file
-    from mocap.pipeline.job import existing_model
     from mocap.rerun.stored import recording_file
+    from mocap.tracking.track_part import existing_model
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "trial7").mkdir()

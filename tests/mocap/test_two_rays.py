@@ -9,15 +9,15 @@ from mocap.filters.hidden_gaps import EACH_MARKER, Effort
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.cameras.camera import record
-from mocap.pipeline.blocks import track_block
-from mocap.pipeline.cleaning import clean
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.job import run_job
-from mocap.pipeline.learning import learn_from
-from mocap.pipeline.tracking import seen_part, why_no_pose
-from mocap.pipeline.two_rays import continuing, disagreements, unconfirmed, without_contradicted, worth_checking
+from mocap.cleaning.cleaning import clean
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.records import Status
+from mocap.report.job import run_job
 from mocap.skeleton import Skeleton
+from mocap.tracking.blocks import track_block
+from mocap.tracking.learning import learn_from
+from mocap.tracking.tracking import seen_part, why_no_pose
+from mocap.tracking.two_rays import continuing, disagreements, unconfirmed, without_contradicted, worth_checking
 from tests.mocap.recordings import with_markers
 
 LIMBS = ("shoulder", "elbow", "wrist", "d3_tip", "d5_tip", "ankle")

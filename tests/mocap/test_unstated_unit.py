@@ -11,13 +11,13 @@ from mocap.datasets import make_bat, write_recording
 
 import mocap
 from mocap.cameras.camera import decompose, project, stacked
+from mocap.cleaning.cleaning import clean
 from mocap.cli.main import main
 from mocap.errors import FormatError
 from mocap.findings import Kind
 from mocap.io.dltdv import write_coefficients
 from mocap.io.registry import read
 from mocap.io.unstated_unit import XRAYED_M, guessed, in_metres, length, of_cameras
-from mocap.pipeline.cleaning import clean
 from tests.real_data import real
 
 

@@ -104,8 +104,8 @@ def test_a_project_and_a_calibration_are_compared():
 
 def test_the_report_tells_residuals_by_camera_and_marker(tmp_path):
     """One marker is clicked six times as carelessly (3 px) in one camera of four: the table names both."""
-    from mocap.pipeline.cleaning import clean
-    from mocap.pipeline.report import residual_lines, residuals_by_camera
+    from mocap.cleaning.cleaning import clean
+    from mocap.report.report import residual_lines, residuals_by_camera
 
     rig = ring(4)
     rng = np.random.default_rng(4)

@@ -2,7 +2,7 @@
 The potential of a joint
 ========================
 
-Where the left wrist goes, in the plane of the arm: 0 (dark) where it was seen, 1 far from there.
+Where the left wrist goes, in the plane of the arm: yellow where it was held, violet where it never was.
 """
 
 import mocap

@@ -17,8 +17,8 @@ wrist = result.potential("wrist_l")
 # %%
 # The map
 # -------
-# The wrist's child marker (the next joint of the hand) as the elbow sees it, in the plane of the arm. White points
-# are samples of this flight.
+# The wrist's child marker (the next joint of the hand) as the elbow sees it, in the plane of the arm: yellow
+# where it was held, violet where it never was. Dots are samples of this flight, bars say how often.
 
 wrist.plot()
 
@@ -29,6 +29,7 @@ wrist.plot()
 
 samples = wrist.samples_m
 print(f"at the samples:  median {np.median(wrist.value(samples)):.4f}, largest {wrist.value(samples).max():.3f}")
+print(f"at 90 degrees:   {wrist.at(degrees=90):.3f}")
 print(f"20 mm further:   {wrist.value(samples.mean(axis=0) + 0.02):.3f}")
 
 # %%

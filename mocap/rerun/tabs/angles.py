@@ -9,13 +9,13 @@ import rerun.blueprint as rrb
 from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity, Rests
-from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import robust_range, rows, series_view
 from mocap.rerun.columns import log_over_time
 from mocap.rerun.layout import Layout
 from mocap.rerun.scene_views import scene_view
 from mocap.sides import by_side, side_of, words
+from mocap.tracking.result import Result
 
 SECTIONS = {"wing_beat": ("down", "up"), "stride": ("stance", "swing")}
 """What the first and the second part of a cycle are called."""

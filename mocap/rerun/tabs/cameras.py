@@ -6,7 +6,6 @@ import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
-from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import rows
 from mocap.rerun.columns import Single, log_over_time, segments, single, ui
@@ -16,6 +15,7 @@ from mocap.rerun.log_markers import SAMPLE_CLASS
 from mocap.rerun.log_video import log_video
 from mocap.rerun.scene import Scene, ViewCamera
 from mocap.rerun.scene_views import WHISKER_SCALE, camera_order, camera_view, rig_view
+from mocap.tracking.result import Result
 
 _LOOKS = {  # colour, radius in points of the screen, drawn over those with a lower order
     "reprojected": (palette.GREEN, 4.0, 30.0),

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from eal.arrays import Array
-from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, robust_range, rows, series_view
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import gap_lanes_view, log_gaps
 from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view, usual_limit
+from mocap.tracking.result import Result
 
 BAND = (0.025, 0.975)
 """Quantiles of chi-square between which the normalised innovation of a consistent filter lies in 95 % of frames."""

@@ -5,22 +5,25 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.arrays import Array
-from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, rows, series_view
 from mocap.rerun.columns import Single, log_over_time, single, ui
-from mocap.rerun.landscape import MM_PER_M, RANGE, Block, JointEnergy, Landscape
+from mocap.rerun.landscape import MM_PER_M, Block, JointEnergy, Landscape
 from mocap.rerun.layout import Layout
 from mocap.rerun.limbs import limb_tab, log_limbs
-from mocap.rerun.over_plane import FLIP, log_moving, log_picture, log_surface, plane_view
-from mocap.rerun.scene_views import eye, last_frames
+from mocap.rerun.over_plane import FLIP, log_map, log_moving, log_surface, plane_view
+from mocap.rerun.scene_views import eye, last_frames, scene_view
 from mocap.sides import by_side, words
+from mocap.tracking.joint_map import EDGE
+from mocap.tracking.result import Result
 
 COORDINATES = ("q1", "q2", "q3")
 _DECADES = 8
 """Decades of eigenvalues that are drawn."""
 OUTSIDE = "outside its usual range"
 """Said at the ball where it is on no low place of the potential."""
+ONE_ROW = 12
+"""So many names of joints stand in one row of tabs of a small screen; more are grouped by side."""
 CHART_SIZE = (160.0, 100.0)
 """Width and height of the chart of eigenvalues, in units of its view."""
 
@@ -50,7 +53,7 @@ def tab(layout: Layout) -> rrb.Container | None:
         return None
     sides = by_side(layout.landscapes)
     parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
-    if len(sides) > 1 and len(parts) > 6:  # more are grouped by side
+    if len(sides) > 1 and len(parts) > ONE_ROW:
         parts = [
             rrb.Tabs(*(joint(layout, name) for name in names), active_tab=0, name=side.capitalize())
             for side, names in sides.items()
@@ -63,29 +66,38 @@ def tab(layout: Layout) -> rrb.Container | None:
 
 
 def joint(layout: Layout, name: str) -> rrb.Container:
-    """The potential of a joint, and the joint moving over it."""
+    """The map of a joint's potential beside the animal; for experts surface, coordinates, energies and eigenvalues."""
     series = paths.joint(name, "series")
-    spatial = [volume_view(layout, name)] if name in layout.blocks else []
-    maps = rrb.Vertical(
-        rrb.Horizontal(surface_view(layout, name), heat_map_view(layout, name), *spatial),
-        rrb.Horizontal(
-            series_view(f"{series}/potential", "joint potential on the way"), coordinates_view(layout, name)
+    person = rrb.Horizontal(
+        heat_map_view(layout, name),
+        rrb.Vertical(
+            scene_view(layout),
+            series_view(f"{series}/potential", "0: where it often is, 1: where it never is", y_range=(0.0, 1.0)),
+            row_shares=[3, 1],
         ),
-        row_shares=[5, 2],
+        column_shares=[5, 4],
         name="Map",
     )
+    spatial = [volume_view(layout, name)] if name in layout.blocks else []
     strength = layout.landscapes[name].energy.strength
-    expert = rrb.Horizontal(
-        series_view(f"{series}/energy", f"energy (J/kg), 1/eps² = {strength:.2g}"), spectrum_view(name), name="Expert"
+    expert = rrb.Vertical(
+        rrb.Horizontal(surface_view(layout, name), *spatial, spectrum_view(name)),
+        rrb.Horizontal(
+            coordinates_view(layout, name),
+            series_view(f"{series}/release", "V_z and its bound after a release (Theorem 3)"),
+            series_view(f"{series}/energy", f"energy (J/kg), 1/eps² = {strength:.2g}"),
+        ),
+        row_shares=[3, 2],
+        name="Expert",
     )
-    return rrb.Tabs(maps, expert, active_tab=0, name=words(name))
+    return rrb.Tabs(person, expert, active_tab=0, name=words(name))
 
 
 def heat_map_view(layout: Layout, name: str) -> rrb.View:
-    """The potential of a joint from above, with its range and its preferred configurations."""
-    land, path = layout.landscapes[name], paths.joint(name, "map")
-    title = f"joint potential, low (yellow) where the joint goes; white: V < {RANGE:g}, red: preferred"
-    return plane_view(path, title, land.x_mm, land.y_mm, layout.trail_frames)
+    """The map of the potential of a joint, and where the joint is."""
+    found, path = layout.landscapes[name].map, paths.joint(name, "map")
+    title = f"{found.name}: yellow where it was held, violet where it never was; red: now; bars: how often"
+    return plane_view(path, title, found.x_mm, found.y_mm, layout.trail_frames)
 
 
 def spectrum_view(name: str) -> rrb.View:
@@ -135,11 +147,10 @@ def _solid_view(layout: Layout, path: str, title: str, look: rrb.EyeControls3D) 
 
 
 def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, energy: JointEnergy) -> None:
-    """V_z on the way with the bound of Theorem 3, and the energy that this bound rests on."""
-    lines = {"bound": ("bound of a release (Theorem 3)", energy.bound, palette.GREY)}
-    lines["value"] = "V_z(q(t))", value, palette.ORANGE
-    for part, (title, numbers, color) in lines.items():
-        log_line(rec, f"{path}/potential/{part}", t_s, numbers, name=title, color=color)
+    """V_z on the way, alone and with the bound of Theorem 3, and the energy that this bound rests on."""
+    log_line(rec, f"{path}/potential/value", t_s, value, name="joint potential", color=palette.ORANGE)
+    both = np.column_stack([value, energy.bound])
+    log_line(rec, f"{path}/release", t_s, both, name=("V_z", "bound"), color=(palette.ORANGE, palette.GREY))
     parts = np.column_stack([energy.kinetic + energy.potential, energy.kinetic, energy.potential])
     colors = (palette.WHITE, palette.SKY_BLUE, palette.ORANGE)
     log_line(rec, f"{path}/energy", t_s, parts, name=("total", "kinetic", "V_z / eps²"), color=colors)
@@ -185,7 +196,7 @@ def _log_surface(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape
     _log_frame(rec, f"{path}/frame", land)
     way = land.lifted(land.path_mm)
     log_moving(rec, path, t_s, land.lifted(land.samples_mm), way, dots=palette.GROUND, trail=palette.BLUE)
-    lifted = [land.lifted(line) for line in land.contour_mm(RANGE)]
+    lifted = [land.lifted(line) for line in land.contour_mm(EDGE)]
     rec.log(f"{path}/range", rr.LineStrips3D(lifted, colors=palette.WHITE, radii=ui(1.0)), static=True)
 
 
@@ -209,28 +220,10 @@ def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
 
 
 def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
-    log_picture(rec, f"{path}/potential", land.x_mm, land.y_mm, land.value)
-    edge = [line * FLIP for line in land.contour_mm(RANGE)]
-    rec.log(f"{path}/range", rr.LineStrips2D(edge, colors=palette.WHITE, radii=ui(1.25), draw_order=15.0), static=True)
-    # what the edges of the map are, in millimetres
-    (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
-    near, low = x0 + 0.07 * (x1 - x0), -y0 - 0.03 * (y1 - y0)
-    ticks = [
-        (near, low, f"{x0:.0f}"),
-        ((x0 + x1) / 2, low, "q1 / mm"),
-        (x1 - 0.07 * (x1 - x0), low, f"{x1:.0f}"),
-        (near, -y0 - 0.12 * (y1 - y0), f"{y0:.0f}"),
-        (near, -(y0 + y1) / 2, "q2 / mm"),
-        (near, -y1 + 0.03 * (y1 - y0), f"{y1:.0f}"),
-    ]
-    places, texts = [(x, y) for x, y, _ in ticks], [text for *_, text in ticks]
-    names = rr.Points2D(places, labels=texts, colors=palette.GREY, radii=0.0, show_labels=True, draw_order=40.0)
-    rec.log(f"{path}/axes", names, static=True)
-    preferred = land.samples_value <= land.preferred
-    dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
-    samples, way = land.samples_mm * FLIP, land.path_mm * FLIP
-    log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
-    outside = land.path_value > RANGE
+    log_map(rec, f"{path}/potential", land.map)
+    way = land.path_mm * FLIP
+    log_moving(rec, path, t_s, None, way, trail=palette.VERMILLION, limb_radius=2.5, limb_color=palette.VERMILLION)
+    outside = land.path_value > EDGE
     label = rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(1.0), show_labels=True, draw_order=45.0)
     columns = rr.Points2D.columns(positions=single(way[outside]), labels=[OUTSIDE] * int(outside.sum()))
     log_over_time(rec, f"{path}/outside", t_s, columns, label, counts=outside)

@@ -4,11 +4,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.result import Result
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import log_line, robust_range, rows, series_view
 from mocap.rerun.layout import Layout
 from mocap.rerun.scene_views import scene_view
+from mocap.tracking.result import Result
 
 
 def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:  # noqa: ARG001 - as every tab

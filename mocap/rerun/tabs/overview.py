@@ -3,7 +3,6 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.result import Result
 from mocap.rerun.blueprint import rows
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import (
@@ -17,6 +16,7 @@ from mocap.rerun.log_markers import (
     log_world,
 )
 from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
+from mocap.tracking.result import Result
 
 
 def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:

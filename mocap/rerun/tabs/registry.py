@@ -7,9 +7,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from eal.plugins import described, left_out, offered
-from mocap.pipeline.result import Result
 from mocap.rerun.layout import Layout
 from mocap.rerun.tabs import angles, cameras, health, joints, lagrangian, overview, report
+from mocap.tracking.result import Result
 
 
 @runtime_checkable

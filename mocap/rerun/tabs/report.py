@@ -3,9 +3,9 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.pipeline.result import Result
 from mocap.rerun import paths
 from mocap.rerun.layout import Layout
+from mocap.tracking.result import Result
 
 
 def log(rec: rr.RecordingStream, run: Result, layout: Layout) -> None:  # noqa: ARG001 - as every tab

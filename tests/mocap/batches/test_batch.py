@@ -384,7 +384,7 @@ def _in_its_own_place(folder):
 def test_long_trials_are_tracked_in_blocks(tmp_path, monkeypatch):
     """As by mocap track; the batch has their frames, and their cycles beside those of the others."""
     monkeypatch.setattr("mocap.batches.one.LONG", 20)
-    monkeypatch.setattr("mocap.pipeline.blocks.BLOCK", 10)
+    monkeypatch.setattr("mocap.tracking.blocks.BLOCK", 10)
     write_trial(tmp_path / "lab" / "bat07" / "t_xyzpts.csv", 1)
     trial = find_trials([tmp_path / "lab"], arguments={"fps": FPS})[0]
     options = Options(model="constant_velocity", validate=False)

@@ -23,7 +23,7 @@ from mocap.desk.page import desk_page
 from mocap.errors import MocapError
 from mocap.io.manifest import current
 from mocap.io.output import result_file
-from mocap.pipeline.edits import read_edits
+from mocap.reading.edits import read_edits
 from mocap.records import Status
 from mocap.rerun import share
 from mocap.skeleton_files import read_skeleton

@@ -5,7 +5,7 @@ import numpy as np
 
 import mocap
 from mocap.desk.proof import open_proof
-from mocap.pipeline.edits import read_edits
+from mocap.reading.edits import read_edits
 from tests.filters.flapping_trials import NAMES, filmed, flapping
 from tests.mocap.test_track_one_camera import files, learned, read
 

@@ -17,7 +17,7 @@ import pytest
 
 from mocap.batches.one import track_trial
 from mocap.batches.trial import Options, Trial, read_manifest
-from mocap.pipeline.edits import read_edits
+from mocap.reading.edits import read_edits
 from tests.mocap.desk.conftest import client, until
 from tests.mocap.desk.filmed_trial import FPS, trial
 from tests.mocap.digitising.filmed import NAMES

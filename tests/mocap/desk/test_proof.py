@@ -10,10 +10,10 @@ import pytest
 from mocap.cameras.camera import record
 from mocap.cameras.origin import PixelOptions
 from mocap.desk.proof import Proof, places
-from mocap.pipeline.edits import read_edits
-from mocap.pipeline.ideal_pixels import of_pixels
-from mocap.pipeline.retrack import AROUND
+from mocap.reading.edits import read_edits
+from mocap.reading.ideal_pixels import of_pixels
 from mocap.records import PixelTracks, Status, marker_tracks
+from mocap.tracking.retrack import AROUND
 from tests.mocap.rigs import ring
 
 HEIGHT_PX, NOISE_PX = 1024.0, 0.3

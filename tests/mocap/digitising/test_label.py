@@ -14,8 +14,8 @@ from mocap.digitising.register import recognise
 from mocap.errors import MocapError
 from mocap.io.contents import FileContents
 from mocap.io.registry import read, write
-from mocap.pipeline.learning import Model
 from mocap.records import marker_tracks
+from mocap.tracking.learning import Model
 from tests.real_data import real
 
 

@@ -2,21 +2,27 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mocap.datasets.bats import bat_motion, make_bat
 
+from mocap.cleaning.cleaned import Cleaned
 from mocap.errors import MocapError
 from mocap.findings import Finding, Kind
-from mocap.kinematics.records import Quantity
-from mocap.pipeline.cleaned import Cleaned
-from mocap.pipeline.report_part import Report
+from mocap.kinematics.compute import kinematics
+from mocap.kinematics.cycles import cycles
+from mocap.kinematics.extremes import cycle_statistics
+from mocap.kinematics.records import DOUBTFUL, Quantity
 from mocap.plots.figures import Picture
 from mocap.plots.kinematics import label, plot_gaps, sensible
-from mocap.plots.page import report_page
+from mocap.plots.page import _peaks, report_page
 from mocap.records import Status
 from mocap.results.tracked import Tracked
 from mocap.text import plain
+from mocap.tracking.report_part import Report
+from tests.mocap.kinematics.test_cycles import exact
 from tests.mocap.rerun.flapping import make_run
 
 INK = True
@@ -29,6 +35,23 @@ def written(tmp_path_factory):
     result = Tracked.of(make_run(n_frames=60))
     result.write_kinematics(folder)
     return result, folder
+
+
+def test_the_report_has_the_peaks_of_counted_cycles():
+    """Those of ``cycle_statistics``, a row a joint and limb, largest range first; without a doubtful beat."""
+    skeleton = make_bat(seed=0, n_frames=2, n_cameras=2).skeleton
+    motion = exact(bat_motion(0), skeleton, np.arange(240) / 240.0)
+    found = kinematics(motion, skeleton)
+    rows = cycles(found, motion, skeleton)
+    table = _peaks(SimpleNamespace(skeleton=skeleton), found, [replace(rows[0], status=DOUBTFUL), *rows[1:]])
+    elbow = next(line for line in table["lines"] if line[:2] == ["left elbow", "left wing"])
+    own = cycle_statistics(found, [row for row in rows[1:] if row.of == "wing_l"], "elbow_l_flexion_deg")
+    peaks = own[own["statistic"] == "peak"]["value"]
+    assert elbow[2] == str(len(peaks))
+    assert elbow[3] == f"{peaks.mean():.1f} ± {peaks.std():.2g}"
+    ranges = [float(line[6].split(" ")[0]) for line in table["lines"]]
+    assert ranges == sorted(ranges, reverse=True)
+    assert _peaks(SimpleNamespace(skeleton=skeleton), found, []) is None
 
 
 @pytest.mark.slow

@@ -10,13 +10,13 @@ from eal.arrays import Array
 from eal.kernels import GaussianKernel
 from eal.potential import fit_potential
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
-from mocap.pipeline.model_choice import ModelChoice
-from mocap.pipeline.potentials import SPACE, JointPotential, Potentials, joint_potentials
-from mocap.pipeline.report_part import Report
-from mocap.pipeline.result import Result
 from mocap.recording import of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Joint, Skeleton
+from mocap.tracking.model_choice import ModelChoice
+from mocap.tracking.potentials import SPACE, JointPotential, Potentials, joint_potentials
+from mocap.tracking.report_part import Report
+from mocap.tracking.result import Result
 
 SIZE_PX = (1280, 800)
 NOISE_PX = 0.7

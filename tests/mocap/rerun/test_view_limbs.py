@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
+from mocap.filters.limb_potential import limb_values
 from readback import column, entities
 from test_view_pictures import loaded
 
-from mocap.pipeline.result import limb_variables
 from mocap.rerun import palette, paths
 from mocap.rerun.limbs import REACH, map_view, pull_view
 from mocap.rerun.log_markers import ELLIPSOID_SD
@@ -44,7 +44,7 @@ def run():
         "at_state": np.linspace(0, 0.5, N),
         "pull": pull,
     }
-    return base.having({"limb": [NAME]}, **limb_variables({NAME: limb}))
+    return base.having({"limb": [NAME]}, **limb_values({NAME: limb}))
 
 
 def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):

@@ -8,10 +8,10 @@ import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
 from numpy.typing import NDArray
+from PIL import Image
 from vulkan import need_vulkan
 
 from mocap.cameras.camera import project, stacked
-from mocap.pipeline.result import Result
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import series_view
@@ -20,6 +20,7 @@ from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_
 from mocap.rerun.row_map import WIDE, row_map_view
 from mocap.rerun.scene_views import camera_view, scene_view
 from mocap.rerun.tabs.joints import heat_map_view, spectrum_view, surface_view, volume_view
+from mocap.tracking.result import Result
 from tests.mocap.rerun.headless import Headless
 
 FRAME = 33
@@ -152,7 +153,7 @@ SHOWN = {
     "surface": (lambda x: surface_view(x, JOINT), [(f"{SURFACE}/now", palette.VERMILLION)]),
     "heat map": (
         lambda x: heat_map_view(x, JOINT),
-        [(f"{HEAT_MAP}/{part}", color) for part, color in (("range", palette.WHITE), ("potential", (253, 231, 37)))],
+        [(f"{HEAT_MAP}/potential", (68, 1, 84))],
     ),
     "volume": (lambda x: volume_view(x, JOINT), [(f"{CLOUD}/potential", None)]),
     "spectrum": (
@@ -194,6 +195,21 @@ def test_what_is_hidden_in_a_view_is_gone(viewer, layered, name):
     without = viewer.picture(view, frame=FRAME)
     for path, color in layers:
         assert amount(whole, color) > 8 + 2 * amount(without, color), path
+
+
+def test_the_pictures_of_the_pages_are_taken(tmp_path):
+    """As ``make pictures`` takes them, of a small recording: each tab by its name, and two runs beside each other."""
+    need_vulkan()
+    from docs.tools.view_pictures import TABS, WANTED, picture_comparison, picture_run
+
+    assert {tab for _, tabs in WANTED.values() for tab in tabs} <= set(TABS)
+    run = make_run(n_frames=30, n_cameras=2)
+    taken = picture_run(run, tmp_path, prefix="small", frame=10, tabs=("overview", "joints"))
+    taken.append(picture_comparison({"one": run, "other": replace(run, name="other")}, tmp_path, frame=10))
+    assert [path.name for path in taken] == ["small_overview.png", "small_joints.png", "bat_compare.png"]
+    for path in taken:
+        picture = np.asarray(Image.open(path))
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
 
 
 @pytest.mark.parametrize(("n_cameras", "size"), [(4, (570, 750)), (8, (900, 340))])

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from mocap.cameras.camera import project, stacked
-from mocap.pipeline.potentials import joint_potentials
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.landscape import STIFFNESS
@@ -18,6 +17,7 @@ from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.rerun.scene_views import WHISKER_SCALE
 from mocap.rerun.tabs.joints import CHART_SIZE
+from mocap.tracking.potentials import joint_potentials
 
 FILLED = (Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED)
 

@@ -13,11 +13,11 @@ from flapping import make_run
 from test_view_pictures import amount
 
 from mocap.errors import OutputError
-from mocap.pipeline.report_part import Report
 from mocap.rerun import palette, share
 from mocap.rerun.record import write_recording
 from mocap.rerun.share import PAGE, write_page
 from mocap.rerun.viewer import HOST, open_viewer
+from mocap.tracking.report_part import Report
 
 pytestmark = pytest.mark.viewer
 SETTLED_COLORS = 150

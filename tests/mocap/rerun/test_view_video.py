@@ -14,11 +14,11 @@ from mocap.cameras.camera import project, stacked
 from mocap.cameras.lens import BrownLens
 from mocap.errors import MocapError
 from mocap.io.movies import FIRST_PIXEL, open_movie, open_movies
-from mocap.pipeline.report_part import Report
 from mocap.rerun import paths
 from mocap.rerun.footage import footage
 from mocap.rerun.log_video import coded_size, offsets_of, with_footage
 from mocap.rerun.record import write_recording
+from mocap.tracking.report_part import Report
 
 N_FRAMES, SEEN = 24, 17
 GRID = np.mgrid[: SIZE_PX[1], : SIZE_PX[0]]

@@ -1,0 +1,3 @@
+"""The files of a result that a program reads back."""
+
+RECORDING, MARKERS, SKELETON = "recording.nc", "markers.nc", "skeleton.toml"

@@ -44,7 +44,7 @@ def run(line: str, work: Path, *, fails: bool = False) -> str:
         text=True,
         encoding="utf-8",
         check=False,
-        timeout=300,
+        timeout=3600,  # a busy computer
     )
     if (done.returncode != 0) != fails:
         raise RuntimeError(f"{line}: ended with {done.returncode}:\n{done.stdout[-2000:]}")

@@ -10,6 +10,7 @@ import os
 import shutil
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -20,8 +21,18 @@ MARK = ".eal-mocap-site"
 """In a folder with this file ``source``, ``work``, ``trees`` and ``html`` are ours to replace."""
 
 
-def build(out: Path, *, keep: bool = False) -> int:
-    """Build into a folder; 0, or 1 where something is wrong."""
+SECONDS = {"reference": 18.0, "demo": 70.0, "share": 5.0, "scripts": 40.0, "pages": 20.0, "html": 5.0}
+"""Processor time of each stage, by whose ratios the time that is left is told; the first two were measured."""
+
+
+def build(out: Path, *, keep: bool = False, tell: Callable[[str, float], None] = lambda _stage, _share: None) -> int:
+    """Build into a folder; 0, or 1 where something is wrong.
+
+    Args:
+        out: The folder.
+        keep: Whether to show again what an earlier build ran.
+        tell: Told of each stage (``SECONDS``) and the share of it that is done.
+    """
     from sphinx.cmd.build import main as sphinx
 
     from docs.tools import html, shell
@@ -44,12 +55,16 @@ def build(out: Path, *, keep: bool = False) -> int:
         link = source / "scripts" / folder / "out"
         if not link.is_symlink():
             link.symlink_to(work / "out", target_is_directory=True)
-    for name, page in PAGES.items():
+    for k, (name, page) in enumerate(PAGES.items()):
         (source / name).write_text(page(), encoding="utf-8")
+        tell("reference", (k + 1) / len(PAGES))
     shell.run(DEMO, work)
+    tell("demo", 1.0)
     shell.run(f"mocap share out/demo --out {source / 'extra' / 'recordings' / 'bat'} --force", work)
+    tell("share", 1.0)
     options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(out / "trees")]
     options += ["-D", f"version={version}", "-D", f"release={version}", "-D", f"html_title=eal-mocap {version}"]
+    shell.TOLD.append(tell)
     failed = sphinx([*options, str(source), str(out / "html")])
     wrong = [] if failed else html.troubles(out / "html")
     for line in wrong:
@@ -64,4 +79,10 @@ if __name__ == "__main__":
     given.add_argument("out", type=Path, metavar="OUT")
     given.add_argument("--keep", action="store_true")
     told = given.parse_args()
-    sys.exit(build(told.out.resolve(), keep=told.keep))
+    from mocap.cli.console import progress, say
+    from mocap.progress import as_one
+
+    say(f"The site takes about {sum(SECONDS.values()) / 60:.0f} minutes of an idle processor.")
+    with progress() as shown:
+        code = build(told.out.resolve(), keep=told.keep, tell=as_one(shown, "build the site", SECONDS))
+    sys.exit(code)

@@ -1,9 +1,10 @@
 """How far long work is, on a terminal, and how long each of its stages took."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import accumulate
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -42,6 +43,25 @@ def bars(console: "Console | None" = None) -> Iterator[Tell]:
             drawn.update(tasks[stage], completed=share)
 
         yield tell
+
+
+def as_one(tell: Tell, name: str, seconds: Mapping[str, float]) -> Tell:
+    """Progress of stages as that of one piece of work, by the time that each stage usually takes.
+
+    Args:
+        tell: Told of the whole.
+        name: Of the whole.
+        seconds: Processor time of each stage, in order, as measured once; only their ratios count. A stage that
+            nobody tells of is over when the next begins; one that is not among them takes no time.
+    """
+    total = sum(seconds.values())
+    begins = dict(zip(seconds, accumulate(seconds.values(), initial=0.0), strict=False))
+
+    def told(stage: str, share: float) -> None:
+        if stage in begins:
+            tell(name, (begins[stage] + share * seconds[stage]) / total)
+
+    return told
 
 
 @dataclass(kw_only=True)

@@ -1,6 +1,7 @@
 """What the pages say is so: commands and options exist, links lead somewhere, the README is short."""
 
 import ast
+import json
 import platform
 import re
 import sys
@@ -16,6 +17,7 @@ from mocap.filters.models.registry import NAMED
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 
+from docs.paper import numbers
 from docs.tools import columns, commands, html, licences
 from docs.tools.made import PAGES
 from eal import fit_potential
@@ -209,6 +211,16 @@ def test_the_version_is_one():
     assert f"\nversion: {stated}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\n## {stated}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f'version: "{stated}"' in (ROOT / "docs" / "releasing" / "recipe.yaml").read_text(encoding="utf-8")
+
+
+def test_the_paper_has_the_numbers_that_its_script_stored():
+    """Its table is made of ``numbers.json``; its figure is there; every work that it cites is listed, and no other."""
+    folder = ROOT / "docs" / "paper"
+    text = (folder / "paper.md").read_text(encoding="utf-8")
+    assert numbers.table(json.loads((folder / "numbers.json").read_text(encoding="utf-8"))) in text
+    assert (folder / re.findall(r"\]\((\w+\.png)\)", text)[0]).is_file()
+    cited = set(re.findall(r"@(\w+)", text.partition("---\n# Summary")[2] or text))
+    assert cited == set(re.findall(r"^@\w+\{(\w+),", (folder / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE))
 
 
 def test_the_reference_describes_every_command():

@@ -237,3 +237,7 @@ def page() -> str:
         out += [f"{'  ' * depth}- `{name}`: {told}" for depth, name, told in calls] + [""]
     out += ["Where to add what: [extending](../howto/extend.md). How a change is made: `CONTRIBUTING.md`."]
     return "\n".join(out) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page())

@@ -44,7 +44,7 @@ def licence(found: Distribution) -> str:
         return stated
     texts = [
         told.get("License") or "",
-        *(path.read_text(encoding="utf-8", errors="replace") for path in notices(found)),
+        *(path.read_text(encoding="utf-8") for path in notices(found)),
     ]
     firsts = [next((line.strip("# ") for line in text.splitlines() if line.strip()), "") for text in texts]
     short = next((first for first in firsts if 0 < len(first) < 60), "")

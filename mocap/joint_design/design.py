@@ -151,7 +151,7 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
     report = stage("check")
     design = designs[taken]
     fit = measure(design.truss, design.stored, target, curvature=potential.hessian)
-    report(0.3)
+    report(0.01)
     tolerance = Tolerance(
         position=wish.tolerance.position / per_unit,
         length=wish.tolerance.length / per_unit,
@@ -160,9 +160,9 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
     built = tolerance_study(design.truss, coarse, tolerance, rng=rng, draws=10 if wish.internal else 100)
     block = max(1, round(len(samples) / effective_sample_size(samples, potential.kernel)))
     doubt = potential_doubt(potential, coarse, rng=rng, block=block)
-    report(0.6)
+    report(0.1)
     release, release_in_v = _released(design, coarse, source, wish.level)
-    report(0.9)
+    report(0.88)
     deepest = over_grid(design.truss, coarse).x_m[np.argmin(coarse.v)]
     way = follow(design.truss, np.asarray(source.path_m / unit, dtype=np.float64), deepest)
     report(1.0)

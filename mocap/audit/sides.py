@@ -42,8 +42,8 @@ def side_findings(
         return []
     text = (
         f"seen from above (up is {measures.up}), what the skeleton calls left lies on the right of forward in "
-        f"{wrong:.0%} of the frames: the world is mirrored, names of the two sides are exchanged, up is another axis, or the animal "
-        "is upside down: check `calibration`, `origin` and the `skeleton`"
+        f"{wrong:.0%} of the frames: the world is mirrored, names of the two sides are exchanged, up is another axis, "
+        "or the animal is upside down: check `calibration`, `origin` and the `skeleton`"
     )
     mends = ("calibration", "origin", "skeleton")
     return [Finding(kind=Kind.MIRRORED_WORLD, alarm=doubted, text=text, numbers={"share": wrong}, mends=mends)]

@@ -40,7 +40,9 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, usual
     together = [likelihoods(factor * noise_sd[part], dof=4.0).sum(axis=1) for factor in NOISES]
     least = int(max(together, key=np.max).argmax())
     own = likelihoods(noise_sd[part], dof=1e6)[least:]  # so many degrees of freedom are the normal law
-    return np.repeat(rates[least + own.argmax(axis=0)], 3)
+    best = own.argmax(axis=0)
+    best[best == len(own) - 1] = 0  # likeliest at the end of the grid: careless clicks, not motion
+    return np.repeat(rates[least + best], 3)
 
 
 def _likelihoods(residual: Array, scale: Array, *, dof: float, dt_s: float, sd: Array, rates: Array) -> Array:

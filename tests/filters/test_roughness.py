@@ -40,6 +40,15 @@ def test_what_noise_hides_has_the_rate_of_all_markers():
     assert found.min() == pytest.approx(20.0, rel=0.01)
 
 
+def test_a_marker_of_careless_clicks_has_the_rate_of_all():
+    """One marker is ten times as noisy as stated: it is likeliest at the highest rate of all, and was given that."""
+    rng = np.random.default_rng(4)
+    seen = residuals(40.0, rng)
+    seen[:, :3] += 10 * NOISE_M * rng.normal(size=(300, 3))
+    found = marker_rates(seen, np.full(seen.shape, NOISE_M), DT_S, np.full(30, SD_M), 40.0)
+    np.testing.assert_allclose(found[:3], found.min())
+
+
 @pytest.mark.parametrize("stated", [0.8, 1.25, 1.5])
 def test_careless_clicks_are_not_taken_for_motion_nor_motion_for_noise(stated):
     """One sample in ten is five times as noisy: whatever size of noise is stated, the rate of all is the true one.

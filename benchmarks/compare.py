@@ -164,7 +164,7 @@ def judged(name: str, row: Row, number: int) -> dict[str, object]:
 def judged_by_peers(name: str, row: Row, number: int) -> dict[str, object]:
     """What the methods of the field say of one draw."""
     a, b, animals = drawn(name, row, number)
-    return {"row": name, "draw": number} | peers((a, b), (row.a.fps, row.b.fps), animals, number)
+    return {"row": name, "draw": number, **peers((a, b), (row.a.fps, row.b.fps), animals, number)}
 
 
 def shares_of_peers(draws: pd.DataFrame) -> pd.DataFrame:
@@ -173,8 +173,10 @@ def shares_of_peers(draws: pd.DataFrame) -> pd.DataFrame:
     for name, row in ROWS.items():
         mine = draws[draws["row"] == name].drop(columns=["row", "draw"])
         if len(mine):
-            says = {f"{key.removesuffix('_p05')}_says": mine[key].notna().mean() for key in mine if "_p05" in key}
-            values = {key: 100.0 * float(value) for key, value in (mine.mean().to_dict() | says).items()}
+            table = {str(key): mine[key].to_numpy(dtype=np.float64) for key in mine}
+            says = {k.replace("_p05", "_says"): np.isfinite(x) for k, x in table.items() if k.endswith("_p05")}
+            said = {k: x[np.isfinite(x)] for k, x in table.items()}
+            values = {k: 100.0 * float(np.mean(x)) if len(x) else np.nan for k, x in {**said, **says}.items()}
             found.append({"row": name, "kind": row.kind, "draws": len(mine), **values})
     return pd.DataFrame(found)
 

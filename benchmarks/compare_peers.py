@@ -57,7 +57,7 @@ def peers(
         tops.append(_of_animals(whose, [np.array([x]) for x in top])[:, 0])
         kept = [(name, np.mean(found, axis=0)) for name, found in zip(whose, whole, strict=True) if found]
         curves.append(_of_animals([name for name, _ in kept], [one for _, one in kept]) if kept else np.zeros((0, 1)))
-    p = float(stats.ttest_ind(*tops, equal_var=False).pvalue)
+    p = float(np.asarray(stats.ttest_ind(*tops, equal_var=False))[1])
     found = {"peaks_p05": float(p <= 0.05), "peaks_p01": float(p <= 0.01)}
     enough = min(map(len, curves)) >= FEWEST
     for name, method in (("spm1d", _spm), ("procrustes", lambda a, b: _procrustes(a, b, number))):

@@ -45,7 +45,7 @@ class JointMobility:
     def lines(self) -> list[str]:
         """What a person reads."""
         angles = "; ".join(
-            f"{row.angle} {row.low_deg:.3g} to {row.high_deg:.3g}°" for row in self.ranges.itertuples(index=False)
+            f"{row['angle']} {row['low_deg']:.3g} to {row['high_deg']:.3g}°" for row in self.ranges.to_dict("records")
         )
         return [f"{words(self.joint)}: {self.found.line()}", f"95 % of the time: {angles}", *filter(None, [self.note])]
 

@@ -60,11 +60,11 @@ def _flipped(column: Array, across: Array, below: NDArray[np.bool_]) -> NDArray[
     seen = np.flatnonzero(np.isfinite(column))
     out = below.copy()
     values, mine = column[seen], below[seen]
+    if np.count_nonzero(values < 0) > 0.9 * len(values):  # single predictions beside the image had a minus sign before
+        out[seen] = mine & (len(values) >= WHOLE)
+        return out
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mine, [False]]).astype(int))).reshape(-1, 2)
     for start, stop in edges:
-        if stop - start == len(values):
-            out[seen] = len(values) >= WHOLE
-            continue
         inside = start > 1 and stop < len(values) - 1  # at an end of its track it may have left the image for good
         sides = [(start, values[start - 2 : start][::-1]), (stop - 1, values[stop : stop + 2])] if inside else []
         ahead = [(values[i], _onward(two)) for i, two in sides]

@@ -52,7 +52,7 @@ def hidden(film: SyntheticRecording, rows: Sequence[Cycle], rng: np.random.Gener
     side = wing.removeprefix("wing")
     markers = [i for i, name in enumerate(film.skeleton.markers) if name.endswith(side)]
     uv = film.pixels.uv_px.copy()
-    uv[np.ix_(np.arange(len(uv)), np.flatnonzero(lost), markers)] = np.nan
+    uv[:, lost[:, None] & np.isin(np.arange(uv.shape[2]), markers)] = np.nan
     return replace(film, pixels=replace(film.pixels, uv_px=uv))
 
 
@@ -94,8 +94,15 @@ def simulated(seed: int) -> tuple[list[dict], dict]:
     film = hidden(film, inside, np.random.default_rng([seed, 7]))
     with TemporaryDirectory() as folder:
         files = write_recording(film, Path(folder))
-        given = {"calibration": files["coefficients"], "profile": files["profile"], "skeleton": files["skeleton"]}
-        run, _ = run_job(read(files["pixels"], fps=film.fps, origin="upper-left", **given), validated=False)
+        source = read(
+            files["pixels"],
+            fps=film.fps,
+            calibration=files["coefficients"],
+            profile=files["profile"],
+            skeleton=files["skeleton"],
+            origin="upper-left",
+        )
+        run, _ = run_job(source, validated=False)
     rows = cycles(run.kinematics, run.motion, run.skeleton)
     found = list(beats(rows, true, run.motion, run.skeleton))
     return found, frequency(rows, true)

@@ -80,12 +80,13 @@ def swing(kind: str, seed: int) -> tuple[Array, Array, Array]:
         return np.concatenate([v.ravel(), accelerations(x, v).ravel()])
 
     times = np.arange(FRAMES) / FPS
-    start, tight = np.concatenate([x0.ravel(), v0.ravel()]), {"rtol": 1e-10, "atol": 1e-12}
-    found = solve_ivp(rate, (0, times[-1]), start, "DOP853", times, **tight)
+    start = np.concatenate([x0.ravel(), v0.ravel()])
+    found = solve_ivp(rate, (0, times[-1]), start, "DOP853", times, rtol=1e-10, atol=1e-12)
     x, v = np.moveaxis(found.y.reshape(2, 3, 3, -1), -1, 1)
     a = np.array([accelerations(*one) for one in zip(x, v, strict=True)])
     fixed = np.broadcast_to([[0, 0, 0.02], [0, 0, 0.0]], (FRAMES, 2, 3))
-    return np.concatenate([fixed, x], axis=1), *(np.concatenate([0 * fixed, one], axis=1) for one in (v, a))
+    whole = [np.concatenate([still, one], axis=1) for still, one in ((fixed, x), (0 * fixed, v), (0 * fixed, a))]
+    return whole[0], whole[1], whole[2]
 
 
 def recording(kind: str, seed: int, *, model: str = "auto") -> list[dict]:
@@ -96,7 +97,7 @@ def recording(kind: str, seed: int, *, model: str = "auto") -> list[dict]:
     run, _ = run_job(source, model=model, validated=False)
     motion, count = run.motion, len(run.names)
     sd = np.sqrt(np.einsum("tnii->tni", motion.own[:, :count].astype(float)))
-    pairs = {
+    pairs: dict[str, tuple[Array, Array]] = {
         "position": (motion.xyz_m[:, :count] - x, sd[..., :3]),
         "velocity": (motion.velocity_m_s[:, :count] - v, sd[..., 3:]),
     }
@@ -138,7 +139,7 @@ def main() -> None:
     table = pd.DataFrame(rows)
     table.to_csv(given.out / "table.csv", index=False)
     by = table.groupby(["kind", "quantity"], sort=False)
-    found = by["z"].quantile([0.1, 0.5, 0.9]).unstack()
+    found = pd.DataFrame({f"{share:.0%}": by["z"].quantile(share) for share in (0.1, 0.5, 0.9)})
     found["z of all"] = by["z"].apply(lambda z: np.sqrt((z**2).mean()))
     print(found.assign(inside=by["inside"].mean(), recordings=by.size()).round(3).to_string())
 

@@ -1,7 +1,7 @@
 """What was found in a recording, or decided about it: data, each with the one sentence that people read."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from enum import IntEnum, StrEnum
 from functools import partial
 from typing import Any
@@ -179,8 +179,10 @@ def readings(texts: Iterable[str], *, where: str = "") -> tuple[Finding, ...]:
 def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:
     """The 40 commonest findings of a recording's blocks.
 
-    Those of one kind and markers are one, where the cameras of one are among those of the other.
+    Those of one kind and markers are one, where the cameras of one are among those of the other. Markers that a block
+    never sees are told of the recording where no block sees them.
     """
+    blocks = _never_seen_in_any([list(block) for block in blocks])
     found: list[list[Finding]] = []
     for one in (finding for block in blocks for finding in block):
         alike = [same for same in found if _alike(same[0], one)]
@@ -190,6 +192,21 @@ def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:
             found.append([one])
     commonest = sorted(found, key=len, reverse=True)[:40]
     return [same[0] if len(set(map(str, same))) == 1 else _of_several(same) for same in commonest]
+
+
+def _never_seen_in_any(blocks: list[list[Finding]]) -> list[list[Finding]]:
+    """The findings of blocks, those on markers that are never seen of such alone that no block sees."""
+    unseen = [{m for f in block if f.kind is Kind.NEVER_SEEN for m in f.markers} for block in blocks]
+    always = set.intersection(*unseen) if unseen else set()
+
+    def of_all(one: Finding) -> Finding | None:
+        if one.kind is not Kind.NEVER_SEEN or not one.markers:
+            return one
+        kept = tuple(marker for marker in one.markers if marker in always)
+        text = f"{one.text.partition(': ')[0]}: {', '.join(kept)}"
+        return replace(one, text=text, markers=kept) if kept else None
+
+    return [[kept for one in block if (kept := of_all(one)) is not None] for block in blocks]
 
 
 def _alike(one: Finding, other: Finding) -> bool:
@@ -202,3 +219,17 @@ def _of_several(same: list[Finding]) -> Finding:
     others = number_of(len(same) - 1, "other block")
     text = f"{first.text} (and in {others}, with their own numbers)"
     return Finding(kind=first.kind, text=text, alarm=first.alarm, cameras=first.cameras, markers=first.markers)
+
+
+def listed(findings: Sequence[Finding], *, indent: str = "  ") -> list[str]:
+    """The list as lines of text: what is wrong, worst first, what is left open, and what was decided."""
+    wrong, left, rest = ([f.text for f in findings if _class(f) == k] for k in range(3))
+    lines = ["What is wrong, worst first"] if wrong else ["Nothing is wrong" + (", as far as is known" if left else "")]
+    lines += [f"  {number}. {text}" for number, text in enumerate(wrong, start=1)]
+    for title, texts in (("Left open, to be stated", left), ("Decided", rest)):
+        lines += [title, *(f"  - {text}" for text in texts)] if texts else []
+    return [indent + line for line in lines]
+
+
+def _class(finding: Finding) -> int:
+    return 0 if finding.alarm else 1 if finding.asks else 2

@@ -26,6 +26,10 @@ from mocap.variables import VARIABLES, Values
 AXES = {"pixel": ["u", "v"], "space": ["x", "y", "z"], "space_to": ["x", "y", "z"]}
 TOGETHER = {"point": ("pair",), "angle": ("energy",), "limb": ("x", "y", "sample")}
 """Dimensions that are renewed with another one."""
+BLOCK = 4000
+"""Frames of a block; 34 markers then need half a GB, less than the program itself (docs/experiments/blocks.md)."""
+LONG = 20_000
+"""Recordings of more frames are tracked in blocks unless something else is asked for; 34 markers then need 3 GB."""
 
 
 def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequence[str]) -> xr.Dataset:

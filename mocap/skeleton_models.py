@@ -24,7 +24,7 @@ _SAME_M = 1e-5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Part:
+class ModelPart:
     """A segment of a model.
 
     Attributes:
@@ -90,7 +90,7 @@ class _Rigid:
     """Segments that do not move on each other, in the axes of the first of them."""
 
     name: str
-    first: Part
+    first: ModelPart
     parent: int
     points: dict[str, Array] = field(default_factory=dict)
     shared: dict[str, Array] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class _Rigid:
         return bool(self.points) or len(self.shared) > 1
 
 
-def _whole(parts: Sequence[Part], path: Path) -> list[_Rigid]:
+def _whole(parts: Sequence[ModelPart], path: Path) -> list[_Rigid]:
     """Segments that are welded together as one; each with the points that are fixed to it."""
     groups: list[_Rigid] = []
     of: list[tuple[int, Array]] = []  # the group of each segment, and its axes in those of the group
@@ -304,7 +304,7 @@ _COORDINATES = {
 """How many angles and translations a joint of OpenSim has, in this order; a CustomJoint says which itself."""
 
 
-def _osim(path: Path) -> list[Part]:
+def _osim(path: Path) -> list[ModelPart]:
     """Bodies, joints and markers of an OpenSim 4 model.
 
     Read here, as biobuddy 0.3 knows two of OpenSim's kinds of joints, and so 4 of 10 models of OpenSim's collection.
@@ -340,7 +340,7 @@ def _osim(path: Path) -> list[Part]:
             raise FormatError(f"{path}: marker {marker.get('name')!r} is on {body!r}, which is no body of the model")
         markers.setdefault(body, {})[str(marker.get("name"))] = _at(offset, _numbers(marker, "location"))
     numbers: dict[str, int] = {}
-    parts: list[Part] = []
+    parts: list[ModelPart] = []
     while waiting := [
         n for n in bodies if n not in numbers and (n not in joints or joints[n][0] in world | {*numbers})
     ]:
@@ -349,7 +349,7 @@ def _osim(path: Path) -> list[Part]:
             moved, turns, slides, limits = _motion(joint)
             numbers[name] = len(parts)
             parts.append(
-                Part(
+                ModelPart(
                     name=name,
                     joint=str(joint.get("name", name)),
                     parent=numbers.get(parent, -1),
@@ -437,11 +437,11 @@ def _numbers(element: ElementTree.Element, name: str, other: Sequence[float] = (
     return np.array(_text(element, name).split() or other, dtype=float)
 
 
-def _biomod(path: Path) -> list[Part]:
+def _biomod(path: Path) -> list[ModelPart]:
     return _of_biobuddy(_library("biobuddy", path).BiomechanicalModelReal().from_biomod(str(path)))
 
 
-def _of_biobuddy(model: Any) -> list[Part]:
+def _of_biobuddy(model: Any) -> list[ModelPart]:
     numbers: dict[str, int] = {}
     parts = []
     for segment in model.segments:
@@ -456,7 +456,7 @@ def _of_biobuddy(model: Any) -> list[Part]:
         inertia = segment.inertia_parameters
         numbers[segment.name] = len(parts)
         parts.append(
-            Part(
+            ModelPart(
                 name=segment.name,
                 joint=segment.name,
                 parent=numbers.get(segment.parent_name, -1),
@@ -472,13 +472,13 @@ def _of_biobuddy(model: Any) -> list[Part]:
     return parts
 
 
-def _mujoco(path: Path) -> list[Part]:
+def _mujoco(path: Path) -> list[ModelPart]:
     """Bodies, joints and sites of MJCF, or links of URDF; meshes are not needed."""
     mujoco = _library("mujoco", path)
     spec = mujoco.MjSpec.from_file(str(path))
     unit = np.pi / 180 if spec.compiler.degree else 1.0
     masses = _masses(mujoco, path)
-    parts: list[Part] = []
+    parts: list[ModelPart] = []
     waiting = [(spec.worldbody, -1)]
     while waiting:
         body, parent = waiting.pop(0)
@@ -492,7 +492,7 @@ def _mujoco(path: Path) -> list[Part]:
         mass, com = masses.get(body.name, (0.0, np.zeros(3)))
         waiting += [(child, len(parts)) for child in body.bodies]
         parts.append(
-            Part(
+            ModelPart(
                 name=name,
                 joint=(joints[0].name if len(joints) == 1 else "") or name,
                 parent=parent,
@@ -528,7 +528,7 @@ def _library(name: str, path: Path) -> Any:
     return import_module(name)
 
 
-MODELS: dict[str, Callable[[Path], list[Part]]] = {
+MODELS: dict[str, Callable[[Path], list[ModelPart]]] = {
     ".osim": _osim,
     ".biomod": _biomod,
     ".urdf": _mujoco,

@@ -93,6 +93,7 @@ ALLOWED = {
     "mocap/batches": {
         "eal",
         "mocap",
+        "mocap/audit",
         "mocap/cameras",
         "mocap/cleaning",
         "mocap/io",

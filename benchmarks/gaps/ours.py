@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mocap.filters.hidden_gaps import EACH_MARKER, JOINTS, MODELS, POSE, WITH_JOINTS, Effort
+from mocap.filters.interpolate import interpolated
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.pose import Over, PoseSettings
 
@@ -15,8 +16,11 @@ from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
 from eal.arrays import Array
+from mocap.io.unstated_unit import length
+from mocap.records import MarkerTracks
 from mocap.report.job import run_job
 from mocap.tracking.learning import learn_from
+from mocap.tracking.result import Result
 
 
 def effort() -> Effort:
@@ -39,10 +43,20 @@ class Ours:
 
         def fill(trial: Trial) -> Estimate:
             run, _ = run_job(recording(trial), learned=learned, validated=False)
-            markers, noise = run.tracks, np.maximum(trial.sd_m, LEAST_SD_M) ** 2
-            return Estimate(markers.xyz_m, markers.cov_m2 + noise[:, None, None] * np.eye(3))
+            filled, noise = without_holes(run, trial), np.maximum(trial.sd_m, LEAST_SD_M) ** 2
+            return Estimate(filled.xyz_m, filled.cov_m2 + noise[:, None, None] * np.eye(3))
 
         return fill
+
+
+def without_holes(run: Result, trial: Trial) -> MarkerTracks:
+    """What a run filled; samples that it leaves empty lie on lines, known to the length of the animal."""
+    empty = run.data["unknown"].values[..., None]
+    if not empty.any():
+        return run.tracks
+    lines, anywhere = interpolated(trial.xyz_m, trial.t_s, kind="linear"), length(trial.xyz_m) ** 2 * np.eye(3)
+    xyz, cov = np.where(empty, lines, run.xyz_m), np.where(empty[..., None], anywhere, run.cov_m2)
+    return replace(run.tracks, xyz_m=xyz, cov_m2=cov)
 
 
 class Quadratic(PoseSettings):

@@ -1,5 +1,6 @@
 """Reference of the file formats, read off the registry of readers and writers."""
 
+from mocap.entrances import as_markdown
 from mocap.io.format import Format
 from mocap.io.registry import FORMATS
 
@@ -49,6 +50,7 @@ def page() -> str:
         f"| {f.title} | `{f.name}` | {'yes' if f.write is not None else ''} |"
         for f in sorted(FORMATS, key=lambda f: f.title.lower())
     ]
+    lines += ["", "## Which command takes what", "", "Where it is refused, a part of the message.", "", as_markdown()]
     return "\n".join([*lines, ""])
 
 

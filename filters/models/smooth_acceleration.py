@@ -50,7 +50,7 @@ class SmoothSettings(TrajectoryModel):
         logs = np.array([one.log_likelihood for one in found])
         share = np.exp(logs - logs.max()) / np.exp(logs - logs.max()).sum()
         parts = [
-            Part(motion=motion_of(found[i], last, shown), noise=found[i].noise, share=float(share[i]))
+            OfOrder(motion=motion_of(found[i], last, shown), noise=found[i].noise, share=float(share[i]))
             for i in np.argsort(-share, kind="stable").tolist()
             if share[i] >= LEAST
         ]
@@ -84,7 +84,7 @@ def motion_of(found: Smoothness, trial: MarkerTrial, shown: NDArray[np.int64]) -
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Part:
+class OfOrder:
     """One of several motions that are weighted.
 
     Attributes:
@@ -106,7 +106,7 @@ class WeightedMotion(FittedMotion):
         parts: The motions, likeliest first.
     """
 
-    parts: tuple[Part, ...] = ()
+    parts: tuple[OfOrder, ...] = ()
 
     def fill(
         self, observations: Observations, *, rate_points: RatePoints | None = None, progress: Progress | None = None

@@ -9,6 +9,7 @@ from mocap.audit.geometry import HiddenLens, fit_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras, moved, start_offsets
 from mocap.audit.rate import rate_findings
 from mocap.audit.samples import Jump, jump_findings, jumps, of_jumps, pixel_findings, point_findings
+from mocap.audit.sides import side_findings
 from mocap.audit.stored import StalePoint, other_world, stale_points
 from mocap.findings import Finding, alarms
 
@@ -36,6 +37,7 @@ __all__ = [
     "pixel_findings",
     "point_findings",
     "rate_findings",
+    "side_findings",
     "stale_points",
     "start_offsets",
 ]

@@ -49,6 +49,7 @@ class TrialFacts:
         step: Median way of a marker from frame to frame, over the median of ``lengths_m``.
         residual_px: Median reprojection error; NaN without cameras.
         camera_px: The same of each camera.
+        lag_frames: By how much each camera runs late; empty: not known.
         noise_px: Standard deviation of a digitised point from frame to frame; NaN without pixels.
         seen: Share of the samples of its tracked range that were digitised.
         stated: Arguments that were stated for this trial alone, as in a manifest: it may differ in these.
@@ -67,9 +68,15 @@ class TrialFacts:
     step: float = float("nan")
     residual_px: float = float("nan")
     camera_px: tuple[float, ...] = ()
+    lag_frames: tuple[float, ...] = ()
     noise_px: float = float("nan")
     seen: float = float("nan")
     stated: tuple[str, ...] = ()
+
+    @property
+    def latest_frames(self) -> float:
+        """By how much its latest, or earliest, camera is; NaN: not known."""
+        return max(self.lag_frames, key=abs, default=float("nan"))
 
     @property
     def size_m(self) -> float:
@@ -237,6 +244,11 @@ def _residual(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
         return []
     if one.residual_px < max(WORSE * theirs, theirs + LEAST_PX):
         return []
+    lags = [abs(other.latest_frames) for other in others if other.lag_frames]
+    if one.lag_frames and lags and abs(one.latest_frames) > float(np.median(lags)) + 1.0:
+        which = one.cameras[max(range(len(one.lag_frames)), key=lambda c: abs(one.lag_frames[c]))]
+        text = f"{which} by {one.latest_frames:+.2f} frames, {_siblings(others)} {np.median(lags):.2f} at most"
+        return [_odd("lag of cameras", f"{text}: state `correct_lag`", alarm=False, mends=("correct_lag",))]
     pattern = ""
     if len(one.camera_px) == len(one.cameras) > 1:
         each = (f"{name} {px:.2g}" for name, px in zip(one.cameras, one.camera_px, strict=True))
@@ -288,7 +300,11 @@ def _markers(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
 
 COLUMNS: Mapping[str, Callable[[TrialFacts], object]] = {
     "size_mm": lambda one: _digits(1e3 * one.size_m),
-    "mirrored": lambda one: "" if one.mirrored is None else ("yes" if one.mirrored else "no"),
+    "mirrored": lambda one: None if one.mirrored is None else ("yes" if one.mirrored else "no"),
+    "unit": lambda one: one.unit or None,
+    "camera_names": lambda one: " ".join(one.cameras) or None,
+    "worst_camera_px": lambda one: _digits(max(one.camera_px, default=float("nan"))),
+    "lag_frames": lambda one: _digits(one.latest_frames),
     "noise_px": lambda one: _digits(one.noise_px),
     "seen_percent": lambda one: _digits(100 * one.seen),
 }

@@ -36,9 +36,8 @@ def rate_findings(xyz_m: Array | None, fps: float, *, playback: bool, in_file: f
     if not playback or not PLAYED_HZ[0] <= fps <= PLAYED_HZ[1]:
         return []
     text = f"the file states {fps:g} frames a second, which may be the rate at which the video is played"
-    long = np.nan if xyz_m is None else length(xyz_m)
-    cycle = np.nan if xyz_m is None else cycle_frames(xyz_m)
-    if not (isfinite(cycle) and long > 0):
+    long, cycle = (np.nan, np.nan) if xyz_m is None else (length(xyz_m), cycle_frames(xyz_m))
+    if xyz_m is None or not (isfinite(cycle) and long > 0):
         return [_odd(f"{text}: state `fps`, that of the camera", fps=fps)]
     beat, swing = fps / cycle, sqrt(G_M_S2 / long) / (2 * pi)
     speed = _speed(xyz_m) * fps / long

@@ -70,7 +70,7 @@ class Cluster:
     def each(
         self, calls: Mapping[str, Call], *, limit_s: Callable[[str], float], hear: Hear
     ) -> Iterator[tuple[str, "Future[Any]"]]:
-        """As of ``Engine``; how long a call may take is the cluster's own affair.
+        """As of ``Runner``; how long a call may take is the cluster's own affair.
 
         Raises:
             NoProcess: the cluster has none left.

@@ -1,6 +1,6 @@
 """Who makes the calls of a batch: processes of this machine, or a Dask cluster that somebody started.
 
-Both are asked alike (``Engine``), and both give a call a second process where the first one dies.
+Both are asked alike (``Runner``), and both give a call a second process where the first one dies.
 """
 
 import os
@@ -26,7 +26,7 @@ were measured (docs/experiments/batch_cost.md)."""
 UNITS = {"": 1, "k": 1e3, "m": 1e6, "g": 1e9, "t": 1e12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
-class Engine(Protocol):
+class Runner(Protocol):
     """Makes calls in other processes."""
 
     def each(
@@ -41,7 +41,7 @@ class Engine(Protocol):
 
 
 @contextmanager
-def engine(*, jobs: int, memory: str | float | None, scheduler: str | None) -> Iterator[Engine]:
+def engine(*, jobs: int, memory: str | float | None, scheduler: str | None) -> Iterator[Runner]:
     """Processes of this machine, or those of a cluster that runs.
 
     Args:

@@ -18,13 +18,11 @@ from mocap.batches.trial import (
     size_bytes,
     some,
     why_failed,
-    write_manifest,
 )
 from mocap.errors import MocapError, OutputError
 from mocap.io.crop import has_crops
 from mocap.io.format import Hints
 from mocap.io.manifest import read_manifest as read_listing
-from mocap.io.output import result_file
 from mocap.io.registry import identify, read
 from mocap.side_by_side import Lost, Pool, opened
 from mocap.skeleton import read_skeleton
@@ -90,12 +88,14 @@ class Look:
         format: The name of its format; of ``unknown``, and of tracks that cannot be read, what is wrong with it.
         pixels: Whether it holds pixels that need a calibration beside them.
         cameras: Names of the cameras of a calibration; none where it cannot be read.
+        one: Whether it holds pixels of one camera.
     """
 
     role: Role
     format: str = ""
     pixels: bool = False
     cameras: tuple[str, ...] = ()
+    one: bool = False
 
 
 NOTHING = Look(role="none")
@@ -124,21 +124,23 @@ def looks(paths: Sequence[Path], hints: Hints, *, pool: Pool, limit_s: float | N
     """
     found = dict.fromkeys(paths, NOTHING)
     calls = {path: partial(look, path, hints) for path in paths if path.suffix.lower() in DATA}
-    limit = partial(_limit_of, limit_s=limit_s)
+    limit = partial(limit_of_look, limit_s=limit_s)
     for path, went in pool.each(calls, limit_s=limit):
         error = went.exception()
         if isinstance(error, Lost):
-            found[path] = Look(role="unknown", format=f"{path.name}: {_why_lost(error, limit(path))}")
+            found[path] = Look(role="unknown", format=f"{path.name}: {why_not_read(error, limit(path))}")
         else:
             found[path] = went.result()
     return found
 
 
-def _limit_of(*paths: Path, limit_s: float | None) -> float:
+def limit_of_look(*paths: Path, limit_s: float | None) -> float:
+    """Seconds that a look at files may take."""
     return min(LOOK_S + size_bytes(paths) / BYTES_A_S, inf if limit_s is None else limit_s)
 
 
-def _why_lost(lost: Lost, limit_s: float) -> str:
+def why_not_read(lost: Lost, limit_s: float) -> str:
+    """What is told of a file that was not read."""
     if lost.why == "time":
         return f"was not read within {limit_s:.0f} s, and was left out: if it only needs longer, give `limit_s`"
     return f"the process that reads it ended twice ({lost}): it is damaged, or what reads it has an error"
@@ -157,7 +159,7 @@ def _look(path: Path, hints: Hints) -> Look:
     if name in CALIBRATIONS:
         return Look(role="calibration", format=name, cameras=camera_names(path))
     if name in VIEWS:
-        return Look(role="view", format=name)
+        return Look(role="view", format=name, one=True)
     if name == "csv":
         return _by_content(path, name, hints)
     if name == "camera-profile":
@@ -166,7 +168,15 @@ def _look(path: Path, hints: Hints) -> Look:
         return Look(role="none", format=name)
     if name not in TRACKS:
         return _by_content(path, name, hints)
-    return Look(role="tracks", format=name, pixels=name in PIXELS or (name in SPARSE and "xypts" in path.name.lower()))
+    pixels = name in PIXELS or (name in SPARSE and "xypts" in path.name.lower())
+    return Look(role="tracks", format=name, pixels=pixels, one=pixels and _is_of_one_camera(path, hints))
+
+
+def _is_of_one_camera(path: Path, hints: Hints) -> bool:
+    try:
+        return len(read(path, hints).camera_names) == 1
+    except MocapError:
+        return False  # which tracking tells
 
 
 def _by_content(path: Path, name: str, hints: Hints) -> Look:
@@ -180,7 +190,7 @@ def _by_content(path: Path, name: str, hints: Hints) -> Look:
         return Look(role="unknown" if plain else "none", format=str(error))
     if found.pixels is not None:
         one = len(found.camera_names) == 1
-        return Look(role="view" if one else "tracks", format=name, pixels=not plain and not found.cameras)
+        return Look(role="view" if one else "tracks", format=name, pixels=not plain and not found.cameras, one=one)
     return Look(role="tracks" if found.points is not None else "none", format=name)
 
 
@@ -418,7 +428,8 @@ def _trial(looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], *,
         if path is not None:
             own[kind] = path
         skip = skip or trouble
-    if cameras and "calibration" not in own and not skip:
+    alone = len(paths) == 1 and looked.one_camera(paths[0])  # one video is tracked in the plane of its image
+    if cameras and "calibration" not in own and not skip and not alone:
         skip = (
             "pixels without a calibration: none lies in its folder, in one called calibration, or above, up to "
             f"{looked.root.resolve().name}: state it in the manifest, or with `calibration`"
@@ -508,10 +519,17 @@ class _Looked:
         if calibration in there:
             return there[calibration].cameras
         if calibration not in self.rigs:
-            calls, limit = {calibration: partial(camera_names, calibration)}, partial(_limit_of, limit_s=self.limit_s)
+            calls, limit = (
+                {calibration: partial(camera_names, calibration)},
+                partial(limit_of_look, limit_s=self.limit_s),
+            )
             for path, went in self.pool.each(calls, limit_s=limit):
                 self.rigs[path] = () if isinstance(went.exception(), Lost) else went.result()
         return self.rigs[calibration]
+
+    def one_camera(self, path: Path) -> bool:
+        """Whether a file holds pixels of one camera."""
+        return any(path in there and there[path].one for there in self.at(path.parent).values())
 
     def folders(self, folder: Path) -> tuple[str, ...]:
         """The folders that are a part of the names of a folder's trials."""
@@ -552,58 +570,3 @@ def _chosen(files: Mapping[Path, Look], name: str, kind: str) -> tuple[Path | No
         return paths[0], ""
     names = some([path.name for path in paths])
     return None, f"{len(paths)} files could be its {kind} ({names}): state which in the manifest"
-
-
-def write_plan(
-    sources: Sequence[str | Path], out: Path, *, limit_s: float | None = None, **arguments: Any
-) -> tuple[Path, list[Trial], dict[str, str]]:
-    """Find trials as ``mocap.batch`` does, read each, and write the manifest of them; nothing is tracked.
-
-    Args:
-        sources: As ``mocap.batch`` takes them.
-        out: The file (``.csv``), or a folder, in which it is called ``manifest.csv``.
-        limit_s: Seconds that reading a trial may take at most; None: by its size.
-        **arguments: Arguments of ``mocap.read`` for all trials.
-
-    Returns:
-        The file, the trials, and why some of them cannot be tracked, by their names.
-
-    Raises:
-        MocapError: no trial was found, or the file cannot be written.
-    """
-    with opened(1, preload=PRELOAD) as pool:
-        trials = find_trials(sources, arguments=arguments, out=out, pool=pool, limit_s=limit_s)
-        errors = {trial.name: trial.skip for trial in trials if trial.skip}
-        columns: dict[str, dict[str, object]] = {name: {"note": "not tracked"} for name in errors}
-        limits = {trial.name: _limit_of(*trial.paths, limit_s=limit_s) for trial in trials}
-        calls = {trial.name: partial(_manifest_columns, trial) for trial in trials if not trial.skip}
-        for name, went in pool.each(calls, limit_s=limits.__getitem__):
-            error = went.exception()
-            trouble = _why_lost(error, limits[name]) if isinstance(error, Lost) else error
-            columns[name] = went.result() if trouble is None else {"note": " ".join(str(trouble).split())}
-            if trouble is not None:
-                errors[name] = str(columns[name]["note"])
-    path = out if out.suffix.lower() == ".csv" else out / PLAN
-    files = [file for trial in trials for file in trial.paths]
-    with result_file(path, replace=True, inputs=files) as file:
-        write_manifest(file, trials, folder=path.parent, columns=[columns[trial.name] for trial in trials])
-    return path, trials, {trial.name: errors[trial.name] for trial in trials if trial.name in errors}
-
-
-def _manifest_columns(trial: Trial, *, progress: object = None) -> dict[str, object]:
-    """What its files hold.
-
-    Raises:
-        MocapError: they cannot be read, or show nothing.
-    """
-    del progress
-    found = trial.recording()
-    if not found.seen.any():
-        raise MocapError("no marker is ever seen")
-    unit = found.data.attrs.get("space_unit")
-    return {
-        "frames": len(found.t_s),
-        "markers": len(found.names),
-        "cameras": len(found.camera_names),
-        "note": f"{found.format}, {found.fps:g} frames a second" + (f", {unit}" if unit else ""),
-    }

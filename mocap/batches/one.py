@@ -1,28 +1,48 @@
 """One trial of a batch: tracked as ``mocap track`` does, its result and how it went written into its folder."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from mocap.batches.beside import kinds_of
 from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, key_of, write_record
 from mocap.errors import MocapError, OutputError
+from mocap.findings import Finding, Kind, alarms
 from mocap.io.contents import gaps
 from mocap.io.output import result_folder
 from mocap.progress import Tell, silent
-from mocap.recording import Recording
+from mocap.reading.session import Siblings, facts_of
+from mocap.recording import LONG, Recording
 from mocap.records import Status
 from mocap.report.report import readable
 from mocap.results.long_result import write_in_blocks
 from mocap.results.tables import write_report
 from mocap.results.tracked import Tracked, track
-from mocap.tracking.blocks import LONG
 from mocap.tracking.learning import Model, load_model
 from mocap.tracking.report_part import Report
 
 
-def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = False, progress: Tell = silent) -> Record:
+def track_trial(
+    trial: Trial,
+    options: Options,
+    out: Path,
+    *,
+    again: bool = False,
+    siblings: Sequence[Finding] = (),
+    progress: Tell = silent,
+) -> Record:
     """Track a trial, unless that has been done, and write its folder.
+
+    Args:
+        trial: It.
+        options: How.
+        out: Folder of results.
+        again: Whether it is tracked, too, if that has been done.
+        siblings: What the other trials tell of it, which its report tells.
+        progress: Told each stage.
 
     Returns:
         How it went; what is wrong with its data is its ``error``, and no exception.
@@ -32,7 +52,7 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
         OSError: a file cannot be read.
     """
     done = None if again else earlier_record(trial, options, out)
-    if done is not None:
+    if done is not None and done.beside == kinds_of(siblings):
         return done
     try:
         key = key_of(trial, options)
@@ -40,16 +60,20 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
         return _failed(trial, f"{error.filename}: there is no such file", "", out)
     try:
         recording = trial.recording()
+        facts = facts_of(recording, name=trial.name)
+        recording = recording.with_part(Siblings(told=tuple(siblings))) if siblings else recording
         model = options.model if isinstance(options.model, str) else _model(options.model)
         if len(recording.t_s) > LONG:
-            return _in_blocks(trial, recording, model, options, key, out, progress)
+            record = Record(trial=trial.name, status="done", key=key, facts=facts, beside=kinds_of(siblings))
+            return _in_blocks(trial, recording, model, options, record, out, progress)
         tracked = track(recording, model=model, validate=options.validate, seed=options.seed, progress=progress)
     except OutputError:
         raise
     except MocapError as error:
         return _failed(trial, " ".join(str(error).split()), key, out)
     tracked = _timeless(tracked)
-    record = Record(trial=trial.name, status="done", row=figures(tracked, trial), key=key)
+    row, beside = figures(tracked, trial), kinds_of(siblings)
+    record = Record(trial=trial.name, status="done", row=row, key=key, facts=facts, beside=beside)
     with result_folder(out / trial.name, "track", replace=True, inputs=recording.inputs) as stage:
         tracked.write(stage, progress=progress, pictures=options.pictures)
         write_record(record, stage)
@@ -57,7 +81,7 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
 
 
 def _in_blocks(
-    trial: Trial, recording: Recording, model: str | Model, options: Options, key: str, out: Path, progress: Tell
+    trial: Trial, recording: Recording, model: str | Model, options: Options, record: Record, out: Path, progress: Tell
 ) -> Record:
     """A long recording, block by block as ``mocap track`` does."""
     name, learned = (model, None) if isinstance(model, str) else ("auto", model.learned)
@@ -73,7 +97,7 @@ def _in_blocks(
         )
         found = _timeless(found)
         write_report(found, stage)
-        record = Record(trial=trial.name, status="done", row=figures(found, trial), key=key)
+        record = replace(record, row=figures(found, trial))
         write_record(record, stage)
     return record
 
@@ -111,15 +135,19 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     report: Any = tracked.report
     samples, validation = report["samples"], report["validation"]
     score = validation["methods"].get(report["model"]["name"]) or validation["methods"].get("mixture") or {}
+    first, last = report["tracked_frames"]
+    inside = (last - first + 1) / report["frames"]
+    # what the others tell is told by all trials as they are now (``mocap.batches.summary.with_siblings``)
+    wrong = [" ".join(one.text.split()) for one in alarms(tracked.findings) if one.kind != Kind.UNLIKE_SIBLINGS]
     missing = {} if "blocks" in report else gaps((tracked.tracks.status == Status.MEASURED)[None])
     return basic_columns(trial) | {
         "frames": int(report["frames"]),
         "fps": _rounded(report["fps"]),
         "cameras": len(report["cameras"]),
-        "measured_percent": _rounded(100 * samples["measured"]),
+        "measured_percent": _rounded(100 * samples["measured"] / inside),  # of the tracked frames, as in the report
         "model": str(report["model"]["name"]),
-        "warnings": len(report["wrong"]),
-        "warning": " | ".join(" ".join(str(text).split()) for text in report["wrong"]),
+        "warnings": len(wrong),
+        "warning": " | ".join(wrong),
         "markers": len(report["markers"]),
         "gaps": missing.get("count"),
         "longest_gap_frames": missing.get("longest_frames"),

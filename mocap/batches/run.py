@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,7 +16,8 @@ from typing import Any
 import pandas as pd
 
 from eal.threads import one_blas_thread
-from mocap.batches.engine import Engine, engine, limit_of, why_lost
+from mocap.batches.beside import facts_here, kinds_of, told_by_siblings
+from mocap.batches.engine import Runner, engine, limit_of, why_lost
 from mocap.batches.find import find_trials
 from mocap.batches.one import basic_columns
 from mocap.batches.summary import (
@@ -32,6 +33,7 @@ from mocap.batches.summary import (
     read_together,
     summed,
     table,
+    with_siblings,
     write_summary,
     write_times,
 )
@@ -41,6 +43,7 @@ from mocap.cameras.origin import OriginError
 from mocap.cleaning.cleaning import clean
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
+from mocap.findings import Finding
 from mocap.io.output import result_file
 from mocap.reading.reading import of_session
 from mocap.recording import Recording
@@ -249,15 +252,16 @@ def batch(
             done = {trial.name: earlier_record(trial, options, folder) for trial in state.todo}
             state.went |= {name: record for name, record in done.items() if record is not None}
         state.begin()
-        if state.missing:
-            with state.summed_up_when_stopped():
-                if not ready:
-                    _learn(makes, state, seed, limit_s)
-                _track(makes, state, options, again=again, limit_s=limit_s)
+        with state.summed_up_when_stopped():
+            told = {} if state.shared else _compared(makes, state, limit_s)
+            if state.missing and not ready:
+                _learn(makes, state, seed, limit_s)
+            if state.missing:
+                _track(makes, state, options, told, again=again, limit_s=limit_s)
         return Batch(folder, state.sum_up(), tuple(trial.name for trial in own))
 
 
-def _learn(makes: Engine, state: "_State", seed: int, limit_s: float | None) -> None:
+def _learn(makes: Runner, state: "_State", seed: int, limit_s: float | None) -> None:
     """Learn a model of all trials, in one process.
 
     Raises:
@@ -278,11 +282,47 @@ def _learn(makes: Engine, state: "_State", seed: int, limit_s: float | None) -> 
     state.forget_workers()
 
 
-def _track(makes: Engine, state: "_State", options: Options, *, again: bool, limit_s: float | None) -> None:
-    """Track what is missing."""
+def _compared(makes: Runner, state: "_State", limit_s: float | None) -> dict[str, list[Finding]]:
+    """What the trials tell of each other; those that are done and are told otherwise now are to be tracked again."""
+    facts = {name: record.facts for name, record in state.went.items() if record.facts is not None}
+    trials = {trial.name: trial for trial in state.missing}
+    if len(state.todo) > 1:
+        limits = {name: limit_of(trial.paths, limit_s) for name, trial in trials.items()}
+        calls = {name: partial(facts_here, trial) for name, trial in trials.items()}
+        for name, went in makes.each(calls, limit_s=limits.__getitem__, hear=state.hear):
+            error = went.exception()
+            if error is not None:  # as it would be when it is tracked
+                why = why_lost(error, limits[name]) if isinstance(error, Lost) else why_failed(error)
+                keep(record := failed(trials[name], why), state.out / name)
+                state.ended(record, None)
+            elif (found := went.result()) is not None:
+                facts[name] = found
+        state.forget_workers()
+    told = told_by_siblings(state.todo, facts)
+    state.forget(
+        name
+        for name, record in state.went.items()
+        if record.status == "done" and record.beside != kinds_of(told.get(name, ()))
+    )
+    return told
+
+
+def _track(
+    makes: Runner,
+    state: "_State",
+    options: Options,
+    told: Mapping[str, Sequence[Finding]],
+    *,
+    again: bool,
+    limit_s: float | None,
+) -> None:
+    """Track what is missing, each with what the others tell of it."""
     trials = {trial.name: trial for trial in state.missing}
     limits = {name: limit_of(trial.paths, limit_s) for name, trial in trials.items()}
-    calls = {name: partial(track_here, trial, options, state.out, again) for name, trial in trials.items()}
+    calls = {
+        name: partial(track_here, trial, options, state.out, again, tuple(told.get(name, ())))
+        for name, trial in trials.items()
+    }
     for name, went in makes.each(calls, limit_s=limits.__getitem__, hear=state.hear):
         error = went.exception()
         if isinstance(error, Lost):
@@ -351,6 +391,12 @@ class _State:
             self.doing[worker] = trial, stage
             self._tell()
 
+    def forget(self, names: Iterable[str]) -> None:
+        """Trials that are to be tracked again."""
+        for name in list(names):
+            del self.went[name]
+        self.before = len(self.went)
+
     def forget_workers(self) -> None:
         """Others come."""
         with self.turn:
@@ -407,7 +453,8 @@ class _State:
                 record = read_record(self.out / trial.name)
             if record is not None:  # the animal may have been stated since
                 found.append(replace(record, row={**record.row, "animal": trial.animal}))
-        return tuple(found)
+        told = told_by_siblings(self.trials, {one.trial: one.facts for one in found if one.facts is not None})
+        return tuple(with_siblings(one, told.get(one.trial, ())) for one in found)
 
     @contextmanager
     def summed_up_when_stopped(self) -> Iterator[None]:

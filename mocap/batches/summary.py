@@ -5,6 +5,7 @@ import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from html import escape
 from importlib.resources import files
 from math import isfinite
@@ -14,10 +15,12 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
+from mocap.audit import across
 from mocap.batches.find import DATA
 from mocap.batches.trial import Record, some
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
+from mocap.findings import Finding
 from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.output import result_file
 
@@ -41,8 +44,10 @@ FIGURES = (
     "hidden_samples",
     "rmse_mm",
     "coverage95",
+    *across.COLUMNS,
     "warnings",
     "warning",
+    "unlike",
     "version",
 )
 COLUMNS = ("trial", "status", "error", *FIGURES)
@@ -55,14 +60,48 @@ SHOWN = {
     "gaps": "gaps",
     "longest_gap_frames": "longest gap (frames)",
     "filled": "filled samples",
+    "fps": "frames a second",
+    "cameras": "cameras",
     "residual_px": "residual (px)",
+    **{
+        "size_mm": "size (mm)",
+        "mirrored": "mirrored",
+        "unit": "unit",
+        "worst_camera_px": "worst camera (px)",
+        "lag_frames": "lag (frames)",
+        "noise_px": "noise (px)",
+        "seen_percent": "digitised (%)",
+    },
     "rmse_mm": "held-out error (mm)",
     "coverage95": "inside 95 % intervals (%)",
     "warnings": "warnings",
+    "unlike": "unlike the other trials",
     "seconds": "time (s)",
     "error": "error",
 }
 """Columns of the page, and their titles."""
+
+
+def with_siblings(record: Record, told: Sequence[Finding]) -> Record:
+    """A record whose row also has what it is compared by, and what the other trials tell of it."""
+    row, wrong = dict(record.row), [" ".join(one.text.split()) for one in told if one.alarm]
+    if record.facts is not None:
+        row |= {name: value(record.facts) for name, value in across.COLUMNS.items()}
+    if told:
+        row["unlike"] = " | ".join(" ".join(one.text.split()) for one in told)
+    if wrong:
+        row["warnings"] = len(wrong) + int(str(row.get("warnings") or 0))
+        row["warning"] = " | ".join(filter(None, [*wrong, str(row.get("warning") or "")]))
+    return replace(record, row=row)
+
+
+def worst_first(records: Sequence[Record]) -> list[Record]:
+    """Those that failed, then those with most that is wrong."""
+
+    def wrong(record: Record) -> float:
+        return float(str(record.row.get("warnings") or 0))
+
+    return sorted(records, key=lambda one: (one.status != "failed", one.status == "skipped", -wrong(one)))
 
 
 def table(records: Sequence[Record]) -> pd.DataFrame:
@@ -123,7 +162,7 @@ def read_together(path: Path) -> pd.DataFrame:
     """
     names = (
         "trial", "status", "error", "animal", "kind", "of", "model", "warning", "version", "reason", "side", "quantity",
-        "statistic", "unit",
+        "statistic", "unit", "unlike", "mirrored", "camera_names",
     )  # fmt: skip
     try:
         data = regular_bytes(path)
@@ -164,7 +203,7 @@ def write_times(seconds: Mapping[str, float], path: Path) -> None:
 def page(records: Sequence[Record], seconds: Mapping[str, float]) -> str:
     """The page: what came of it in a line, then a row a trial, sorted by a click on a title."""
     titles = "".join(f"<th>{escape(title)}</th>" for title in SHOWN.values())
-    rows = "\n".join(_row(record, seconds.get(record.trial)) for record in records)
+    rows = "\n".join(_row(record, seconds.get(record.trial)) for record in worst_first(records))
     template = files("mocap.batches").joinpath("page.html").read_text(encoding="utf-8")
     filled = {"COUNTS": escape(counted(records)), "SUMMED": escape(summed(records)), "TITLES": titles, "ROWS": rows}
     for name, text in filled.items():
@@ -224,7 +263,7 @@ def _row(record: Record, seconds: float | None) -> str:
         value = values.get(name)
         text = "" if value is None else escape(f"{value:.4g}" if isinstance(value, float) else str(value))
         hint = f' title="{escape(str(values.get("warning", "")))}"' if name == "warnings" and value else ""
-        kind = "" if name in ("status", "error", "animal") else ' class="n"'
+        kind = "" if name in ("status", "error", "animal", "unlike", "mirrored", "unit") else ' class="n"'
         cells.append(f"<td{kind}{hint}>{text}</td>")
     return f'<tr class="{record.status}">{"".join(cells)}</tr>'
 

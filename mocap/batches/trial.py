@@ -8,13 +8,14 @@ import re
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from functools import lru_cache
 from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from mocap.audit.across import TrialFacts
 from mocap.documents import decoded, from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError, shown_elsewhere
 from mocap.io.crop import crops_beside
@@ -137,7 +138,7 @@ def relative(path: Path, folder: Path) -> str:
 
 COLUMNS = ("trial", "path", "animal", "skip", *STATED)
 """What is read of it."""
-TOLD = ("frames", "markers", "cameras", "note")
+TOLD = ("frames", "markers", "cameras", "note", "wrong")
 """Columns that tell what was found, and are not read."""
 BETWEEN = ";"
 """Separates the files of one trial."""
@@ -318,6 +319,8 @@ class Record:
         error: Why it failed, or was skipped, in one line.
         row: The figures of ``summary.csv``.
         key: What it was made of (``key_of``); empty where the failure was not of the data, and is to be tried again.
+        facts: What it is compared with other trials by; None: it could not be read.
+        beside: What it differed in from the others when it was tracked (``mocap.batches.beside.kinds_of``).
     """
 
     trial: str
@@ -325,6 +328,8 @@ class Record:
     error: str = ""
     row: Mapping[str, object] = field(default_factory=dict)
     key: str = ""
+    facts: TrialFacts | None = None
+    beside: tuple[str, ...] = ()
 
 
 def why_failed(error: BaseException) -> str:
@@ -406,7 +411,8 @@ def read_record(folder: Path) -> Record | None:
         row = dict(found["row"])
         kinds = {key: Entry(kind="s" if isinstance(row[key], str) else "f", needed=False) for key in row}
         checked(RECORD, row, kinds, again="")
-        record = Record(row=row, **entries)
+        facts = None if found.get("facts") is None else TrialFacts.from_json(found["facts"])
+        record = Record(row=row, facts=facts, beside=tuple(map(str, found.get("beside", ()))), **entries)
     except (KeyError, OSError, TypeError, ValueError, FormatError):
         return None
     whole = record.status != "done" or RECORDING in files
@@ -415,7 +421,8 @@ def read_record(folder: Path) -> Record | None:
 
 def write_record(record: Record, folder: Path) -> None:
     """Write how a trial went into the folder of its result, as ``mocap.io.output.result_folder`` gives it."""
-    text = json.dumps(asdict(record), indent=1, sort_keys=True, allow_nan=False)
+    plain = asdict(replace(record, facts=None)) | {"facts": None if record.facts is None else record.facts.as_json()}
+    text = json.dumps(plain, indent=1, sort_keys=True, allow_nan=False)
     (folder / RECORD).write_text(text + "\n", encoding="utf-8")
 
 

@@ -78,7 +78,7 @@ class ArrangementError(CalibrationError):
 
 
 @dataclass(frozen=True)
-class _Change:
+class _Arranging:
     """One change to try: what happens to each view's pixels, and whose calibration each view has."""
 
     kinds: tuple[str, ...]
@@ -193,7 +193,7 @@ class _Part:
             self._views[key] = undistorted([self.cameras[to]], pixels[None])[0]
         return self._views[key]
 
-    def median(self, change: _Change, stretch: Array, step: int = 1) -> float:
+    def median(self, change: _Arranging, stretch: Array, step: int = 1) -> float:
         """The median residual of the worst camera with a change, every ``step``-th point."""
         ideal = np.empty_like(self.uv[:, ::step])
         for i, (kind, to) in enumerate(zip(change.kinds, change.order, strict=True)):
@@ -207,7 +207,7 @@ class _Part:
     def all_alike(self, kind: str) -> float:
         """The same with one change of the pixels in all cameras."""
         n = len(self.cameras)
-        return self.median(_Change((kind,) * n, tuple(range(n))), np.ones(2))
+        return self.median(_Arranging((kind,) * n, tuple(range(n))), np.ones(2))
 
     def arrangement(self, down: str, *, alone: bool) -> Arrangement | None:
         """The change that makes these rays meet, where they do not meet as they are.
@@ -233,7 +233,7 @@ class _Part:
         if best > max(4.0, 0.005 * extent) or not best * BETTER < as_is or change.plain():
             return None
 
-        def named(change: _Change, stretch: Array) -> Arrangement:
+        def named(change: _Arranging, stretch: Array) -> Arrangement:
             return _named(self.cameras, change, self.sizes * stretch, as_is, best, fewer=alone)
 
         found = named(change, stretch)
@@ -241,12 +241,12 @@ class _Part:
         return replace(found, others=tuple(o for o in dict.fromkeys(others) if o != found.change))
 
 
-def _count(change: _Change) -> int:
+def _count(change: _Arranging) -> int:
     """How many cameras a change concerns: of two that fit alike, the smaller is meant."""
     return sum(kind != "" for kind in change.kinds) + sum(i != to for i, to in enumerate(change.order))
 
 
-def _alike(a: _Change, b: _Change) -> bool:
+def _alike(a: _Arranging, b: _Arranging) -> bool:
     """Whether two changes differ only in rows counted from below in all cameras, which gives the same points."""
     return a.order == b.order and {_toggled(x) == y for x, y in zip(a.kinds, b.kinds, strict=True)} == {True}
 
@@ -263,7 +263,7 @@ def _sizes(cameras: Sequence[Camera], height_px: float | None) -> Array:
     return sizes
 
 
-def _changes(n: int) -> Iterator[_Change]:
+def _changes(n: int) -> Iterator[_Arranging]:
     """All changes to try for n cameras, without repeats."""
     own, found = tuple(range(n)), set()
     if n <= 6:  # of more cameras only sets of one, of two (up to 10 cameras) and of all, and pairs exchanged
@@ -278,7 +278,7 @@ def _changes(n: int) -> Iterator[_Change]:
     for order in orders:
         found |= {(("",) * n, order), (("v",) * n, order)}
     for kinds, order in sorted(found):
-        yield _Change(kinds, order)
+        yield _Arranging(kinds, order)
 
 
 def _sets(n: int, sets: Sequence[tuple[int, ...]], kinds: Sequence[str]) -> Iterator[tuple[str, ...]]:
@@ -309,7 +309,7 @@ def _changed(uv: Array, kind: str, size: Array) -> Array:
     return out
 
 
-def _refined(median: Callable[..., float], change: _Change, sized: bool, step: int) -> tuple[float, Array]:
+def _refined(median: Callable[..., float], change: _Arranging, sized: bool, step: int) -> tuple[float, Array]:
     """The residual of a change at the best image size near the one assumed, and that size's factors (2,)."""
     from scipy.optimize import minimize_scalar
 
@@ -335,7 +335,7 @@ def _refined(median: Callable[..., float], change: _Change, sized: bool, step: i
 
 
 def _named(
-    cameras: Sequence[Camera], change: _Change, sizes: Array, as_is: float, undone: float, *, fewer: bool
+    cameras: Sequence[Camera], change: _Arranging, sizes: Array, as_is: float, undone: float, *, fewer: bool
 ) -> Arrangement:
     names = [c.name for c in cameras]
     moved = [i for i, to in enumerate(change.order) if i != to]
@@ -353,7 +353,7 @@ def _named(
     if (
         fewer and change.kinds.count("v") + change.kinds.count("uv") > len(names) / 2
     ):  # the fewer, of two that are the same
-        change = _Change(tuple(_toggled(kind) for kind in change.kinds), change.order)
+        change = _Arranging(tuple(_toggled(kind) for kind in change.kinds), change.order)
     words = []
     for kind in dict.fromkeys(k for k in change.kinds if k):
         which = [i for i, k in enumerate(change.kinds) if k == kind]

@@ -1,7 +1,7 @@
 """The lens of a recording from its own marker tracks: the radial distortion with which its rays meet."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -48,6 +48,24 @@ class TrackLens:
     def straight(self, uv_px: Array, steps: Array | float = 0.0) -> Array:
         """(C, ..., 2) ideal pixels of recorded ones, with steps (C,) of the coefficients."""
         return _straight(self.lenses, uv_px, self.k1 + steps)
+
+    def cameras(self, cameras: Sequence[Camera], *, y_up: bool) -> tuple[Camera, ...]:
+        """Cameras with these lenses, as a camera profile describes them: from the upper left.
+
+        An image size that is not known is twice the principal point.
+
+        Args:
+            cameras: The C cameras that they were fitted to.
+            y_up: Whether the coefficients count rows from the lower left.
+        """
+        found = []
+        for camera, lens, k1 in zip(cameras, self.lenses, self.k1, strict=True):
+            x, y = lens.centre_px
+            size = camera.size_px or (round(2 * x), round(2 * y))
+            centre = x, (size[1] - y if y_up else y)
+            bent = replace(lens, k=(float(k1), 0.0, 0.0), centre_px=centre)
+            found.append(replace(camera, lens=bent, size_px=size))
+        return tuple(found)
 
     @property
     def words(self) -> str:

@@ -23,7 +23,7 @@ from mocap.cleaning.swap_states import names_put_right
 from mocap.cleaning.swaps import DOUBTFUL, exchange, exchanged_markers, without_edited
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import ends_among
-from mocap.findings import Finding
+from mocap.findings import Finding, Kind
 from mocap.reading.decided import decided
 from mocap.reading.ideal_pixels import with_rays, without_hand
 from mocap.recording import Recording, as_recording
@@ -176,6 +176,7 @@ def _film(recording: Recording, first: int) -> Recording:
         told=(
             *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
             *(f for f in audited.findings if f.asks),
+            *_sides(film, xyz, audited.findings),
             *_rate(film, xyz),
             *lens,
             *sentences.late_cameras(cameras, film.late_frames),
@@ -214,6 +215,14 @@ def _rate(recording: Recording, xyz_m: Array | None) -> list[Finding]:
     how, fps = decided(recording), recording.fps
     playback = how.rate_from == "playback"
     return [] if not fps else audit.rate_findings(xyz_m, fps, playback=playback, in_file=how.rate_in_file)
+
+
+def _sides(recording: Recording, xyz_m: Array, audited: Sequence[Finding]) -> list[Finding]:
+    """What up, forward and left of the skeleton tell of the hand of the world, where cameras do not decide it."""
+    doubted = any(one.kind is Kind.MIRRORED_WORLD and not one.alarm for one in audited)
+    decided_so = any(one.kind is Kind.MIRRORED_WORLD and one.alarm for one in audited)
+    measures = recording.skeleton.measures
+    return audit.side_findings(xyz_m, recording.names, measures, decided=decided_so, doubted=doubted)
 
 
 def _lens_uncertainty(
@@ -266,6 +275,7 @@ def _positions(recording: Recording, told: Sequence[Finding], first: int) -> Rec
         told=(
             *told,
             *odd,
+            *(_sides(recording, xyz, ()) if plane is None else ()),
             *_rate(recording, xyz if plane is None else None),
             sentences.position_noise(sd[tracks.seen], plane),
             *jumps,

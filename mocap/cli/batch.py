@@ -1,11 +1,12 @@
 """``mocap batch``."""
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Group
@@ -15,8 +16,10 @@ from rich.text import Text
 
 from mocap.cli.console import errors, program, say, show_text, typed, visible
 from mocap.cli.options import AsJson, LimitS, RecordingOptions, with_records
+from mocap.text import number_of
 
 if TYPE_CHECKING:
+    from mocap.batches.plan import Plan
     from mocap.batches.run import Progress
 
 MOST = 10
@@ -76,18 +79,16 @@ def batch(
     if scheduler is None:
         context_of("mocap.batches.find" if dry_run else "mocap.batches.worker")  # it imports while this process does
     import mocap
-    from mocap.batches.find import write_plan
+    from mocap.batches.plan import planned, write_plan
     from mocap.batches.summary import as_json as records_as_json
-    from mocap.batches.summary import reasons
+    from mocap.batches.summary import reasons, worst_first
 
     if dry_run:
-        path, trials, untracked = write_plan(sources, out, limit_s=limit_s, **recording_options.arguments())
-        if untracked:
-            say(f"{len(untracked)} of {len(trials)} trials cannot be tracked: {'; '.join(reasons(untracked))}")
-        else:
-            say(f"all {len(trials)} trials can be tracked, as far as their files tell")
+        plan = planned(sources, out=out, limit_s=limit_s, **recording_options.arguments())
+        path = write_plan(plan, out)
+        say(*plan_lines(plan))
         say(
-            f"Wrote {path}: one row per trial; columns skip and note: what cannot be tracked, and why",
+            f"Wrote {path}: one row per trial; columns skip, note and wrong: what cannot be tracked, and what is wrong",
             f"Correct it in a spreadsheet, then: {typed(*program(), 'batch', path)} --out RESULTS",
         )
         return
@@ -119,12 +120,58 @@ def batch(
         print(records_as_json(found.records))  # noqa: T201
     else:
         show_text(f"Result: {out}/ (summary.html, in a browser; summary.csv)\n{found.report_text}")
-    warned = [f"{record.trial}: {record.row['warning']}" for record in own if record.row.get("warning")]
+    warned = [f"{one.trial}: {one.row['warning']}" for one in worst_first(own) if one.row.get("warning")]
     if warned:
         say(f"{len(warned)} of {len(own)} trials have warnings (summary.csv, column warning):", *warned[:MOST])
     say(*wrong[:MOST], *([f"{len(wrong) - MOST} more reasons: summary.csv"] if len(wrong) > MOST else []))
     if own and not any(record.status == "done" for record in own):
         raise typer.Exit(1)
+
+
+def plan_lines(plan: "Plan", *, most: int = MOST) -> list[str]:
+    """Which trials cannot be tracked, and what is wrong with the others; only where that is nothing they are sound."""
+    from mocap.batches.summary import reasons
+
+    total, lines = number_of(len(plan.trials), "trial"), []
+    if plan.untracked:
+        lines.append(f"{len(plan.untracked)} of {total} cannot be tracked: {'; '.join(reasons(plan.untracked))}")
+    if wrong := plan.wrong:
+        lines.append(f"Something is wrong with {len(wrong)} of {total}, worst first:")
+        for name, texts in list(wrong.items())[:most]:
+            lines += [f"{name}:", *(f"  {number}. {text}" for number, text in enumerate(texts, start=1))]
+        lines += [f"{len(wrong) - most} more"] if len(wrong) > most else []
+    if not plan.untracked and not wrong:
+        lines.append(f"all {total} can be tracked, as far as their files tell")
+    return lines
+
+
+def describe_folder(sources: list[str], *, as_json: bool, **arguments: Any) -> None:
+    """What ``mocap info`` tells of folders: each trial, what is found in it, and what the others tell of it."""
+    from mocap.batches.plan import planned
+    from mocap.findings import listed
+
+    plan = planned(sources, **{name: value for name, value in arguments.items() if value is not None})
+    if as_json:
+        found = [
+            {
+                "trial": trial.name,
+                "files": [str(path) for path in trial.paths],
+                "refused": plan.untracked.get(trial.name),
+                **plan.columns[trial.name],
+                "audit": [one.as_json() for one in plan.findings.get(trial.name, ())],
+            }
+            for trial in plan.trials
+        ]
+        print(json.dumps(found, allow_nan=False))  # noqa: T201
+        return
+    for trial in sorted(plan.trials, key=lambda one: -len(plan.wrong.get(one.name, ()))):
+        lines = [f"{trial.name}: {plan.columns[trial.name]['note']}"]
+        if trial.name in plan.untracked:
+            lines.append(f"  cannot be tracked: {plan.untracked[trial.name]}")
+        elif trial.name in plan.findings:
+            lines += listed(plan.findings[trial.name])
+        show_text("\n".join([*lines, ""]))
+    show_text(plan_lines(plan)[0])
 
 
 @contextmanager

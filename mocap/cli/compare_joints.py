@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.complete import joints
 from mocap.cli.console import program, say, show_text, typed
+from mocap.cli.offered import offered
 from mocap.cli.options import AsJson, Force
 
 
@@ -22,7 +22,7 @@ def compare_joints(
         typer.Option(
             help="Name of the joint; without a side (elbow): both sides; two (elbow_l,elbow_r): one for each group. "
             "Several times, or all: several joints at once.",
-            autocompletion=joints,
+            autocompletion=offered("joints"),
         ),
     ],
     out: Annotated[Path | None, typer.Option(help="Folder to write: report, figure and rerun recording.")] = None,

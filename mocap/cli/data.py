@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from mocap.cli.complete import made, real
 from mocap.cli.console import errors, output, progress, say
+from mocap.cli.offered import offered
 from mocap.cli.options import AsJson, Command, Force, Out
 
 data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known ground truth, and where real ones are.")
@@ -45,7 +45,7 @@ def list_data(as_json: AsJson = False) -> None:
 
 @data.command("make", cls=Command)
 def make_data(
-    name: Annotated[str, typer.Argument(help="What to make: see mocap data list.", autocompletion=made)],
+    name: Annotated[str, typer.Argument(help="What to make: see mocap data list.", autocompletion=offered("made"))],
     out: Out,
     seed: Annotated[int, typer.Option(min=0, help="Random seed: the same seed gives the same files.")] = 0,
     force: Force = False,
@@ -66,7 +66,7 @@ def make_data(
 
 @data.command("path", cls=Command)
 def data_path(
-    name: Annotated[str, typer.Argument(help="A real recording: see mocap data list.", autocompletion=real)],
+    name: Annotated[str, typer.Argument(help="A real recording: see mocap data list.", autocompletion=offered("real"))],
 ) -> None:
     """Print the folder of a real recording that you have."""
     from mocap.datasets.real import real_path

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
-from mocap.cli.complete import joints
 from mocap.cli.console import program, progress, say, show, typed
+from mocap.cli.offered import offered
 from mocap.cli.options import AsJson, Force, Out, with_records
 from mocap.errors import MocapError
 
@@ -131,7 +131,7 @@ def design_joint(
         str | None,
         typer.Option(
             help="Name of the joint; for a model without a skeleton its three markers parent,centre,child.",
-            autocompletion=joints,
+            autocompletion=offered("joints"),
         ),
     ] = None,
     skeleton: Annotated[Path | None, typer.Option(help="For a model: skeleton file that defines the joint.")] = None,

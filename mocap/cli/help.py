@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.complete import pages
 from mocap.cli.console import show
+from mocap.cli.offered import offered
 from mocap.errors import MocapError
 from mocap.manual import topics
 
@@ -16,7 +16,8 @@ _OF_THE_SITE = re.compile(r"^(`{3,})\{(image|toctree|eval-rst)\}.*?^\1$\n?", re.
 
 def help_(
     topic: Annotated[
-        str | None, typer.Argument(help="Page, as errors name it; none: a list of them.", autocompletion=pages)
+        str | None,
+        typer.Argument(help="Page, as errors name it; none: a list of them.", autocompletion=offered("pages")),
     ] = None,
 ) -> None:
     """Print a page of the manual.

@@ -24,7 +24,10 @@ from mocap.cli.options import (
 def info(
     files: Annotated[
         list[Path],
-        typer.Argument(help="Files of any format; files that belong together are also checked against each other."),
+        typer.Argument(
+            help="Files of any format; files that belong together are also checked against each other. A folder: its "
+            "trials, each against the others."
+        ),
     ],
     options: FileOptions,
     calibration: Calibration = None,
@@ -38,14 +41,23 @@ def info(
     """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
     from mocap.audit.inspect import inspect, readable
     from mocap.cameras.origin import PixelOptions
-    from mocap.errors import NoRateError
-    from mocap.tracking.trial_audit import listed, of_files
+    from mocap.cleaning.trial_audit import of_files
+    from mocap.cli.table import of_folders
+    from mocap.errors import MocapError, NoRateError
+    from mocap.findings import listed
 
     corners = PixelOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
-    files = files if calibration is None else [*files, calibration]
     hints = options.hints()
-    found: list[dict[str, Any]] = inspect(files, hints, fps=fps, unit=unit, origin=corners)
     stated = {"origin": origin, "calibration_origin": calibration_origin, "image_height_px": image_height}
+    if any(path.is_dir() for path in files):
+        describe = of_folders()
+        if describe is None:
+            raise MocapError(f"{files[0]}: is a folder: give files")
+        sources = [str(path) for path in files]
+        describe(sources, as_json=as_json, hints=hints, fps=fps, unit=unit, calibration=calibration, **stated)
+        return
+    files = files if calibration is None else [*files, calibration]
+    found: list[dict[str, Any]] = inspect(files, hints, fps=fps, unit=unit, origin=corners)
     whole = of_files(files, hints=hints, fps=fps, unit=unit, **stated)
     lines: list[str] = []
     if whole is not None and not isinstance(whole.refused, NoRateError):  # of its motion nothing is known then

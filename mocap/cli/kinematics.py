@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.complete import exports
 from mocap.cli.console import errors, progress, say
+from mocap.cli.offered import offered
 from mocap.cli.options import Force
 
 
@@ -25,7 +25,7 @@ def kinematics(
             help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim), "
             "deeplabcut, sleap or nwb (filled points, and their pixels in each camera), xmalab (rigid bodies); give "
             "the option once for each.",
-            autocompletion=exports,
+            autocompletion=offered("exports"),
         ),
     ] = None,
     scale_osim: Annotated[

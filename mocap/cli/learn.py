@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import program, say, show, show_text, typed
-from mocap.cli.options import AsJson, Force, Jobs, RecordingOptions, Verbose, with_records
+from mocap.cli.options import AsJson, FitLens, Force, Jobs, RecordingOptions, Verbose, with_records
 
 
 @with_records
@@ -28,6 +28,7 @@ def learn(
             "size; tracking takes 1.5 to 2.3 times as long. Needs bones in the skeleton.",
         ),
     ] = False,
+    fit_lens: FitLens = False,
     jobs: Jobs = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -43,7 +44,7 @@ def learn(
     from mocap.io.output import result_file
     from mocap.reading.reading import of_session
 
-    recordings = list(of_session(partial(options.read, tracks) for tracks in trials))
+    recordings = list(of_session(partial(options.read, tracks, fit_lens=fit_lens) for tracks in trials))
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=force, inputs=inputs, tell=say) as file:
         with mocap.processes(jobs):

@@ -36,4 +36,4 @@ def mobility(
         return
     show_text("\n".join(found.lines()))
     if out is not None:
-        say("", f"Wrote {out}/: report, figure, recording.rrd", f"Look at it: {typed(program(), 'view', out)}")
+        say("", f"Wrote {out}/: report, figure, recording.rrd", f"Look at it: {typed(*program(), 'view', out)}")

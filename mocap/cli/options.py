@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperArgument, TyperCommand
 
-from mocap.cli.complete import read_formats, sheets
+from mocap.cli.offered import offered
 
 if TYPE_CHECKING:
     from mocap.io.format import Hints
@@ -59,7 +59,8 @@ ImageHeight = Annotated[float | None, typer.Option(help="Image height, to flip r
 Fps = Annotated[float | None, typer.Option(help="Frames per second, if the files do not state it or state it wrongly.")]
 Unit = Annotated[str | None, typer.Option(help="Unit of length, if the files do not state it: m, mm, cm, in, ft.")]
 FormatName = Annotated[
-    str | None, typer.Option("--format", help="File format, if it is not recognised.", autocompletion=read_formats)
+    str | None,
+    typer.Option("--format", help="File format, if it is not recognised.", autocompletion=offered("read_formats")),
 ]
 SparseCameras = Annotated[
     int | None, typer.Option("--cameras", min=1, help="Number of cameras in sparse (TSV) 2D files.")
@@ -71,11 +72,14 @@ Columns = Annotated[
         "frame=n; likelihood=p."
     ),
 ]
-Sheet = Annotated[str | None, typer.Option(help="Sheet of an Excel file, by name or number.", autocompletion=sheets)]
+Sheet = Annotated[
+    str | None, typer.Option(help="Sheet of an Excel file, by name or number.", autocompletion=offered("sheets"))
+]
 ZeroOption = Annotated[
     Literal["position", "missing"] | None,
     typer.Option("--zero", help="What samples at exactly (0, 0, 0) are. Default: judged by how the markers move."),
 ]
+Individual = Annotated[str | None, typer.Option(help="Of a file with several animals, the one to read.")]
 SkeletonFile = Annotated[
     Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
 ]
@@ -135,6 +139,7 @@ PANELS = {
         "columns": "TEXT",
         "sheet": "NAME",
         "zero": "position|missing",
+        "individual": "NAME",
         "origin": "CORNER",
         "calibration_origin": "CORNER",
         "image_height": "PIXELS",
@@ -220,14 +225,21 @@ class FileOptions:
     columns: Columns = None
     sheet: Sheet = None
     zero: ZeroOption = None
+    individual: Individual = None
 
     def hints(self) -> "Hints":
         """As readers take it."""
         from mocap.io.format import Hints
         from mocap.io.plain import parse_columns
 
-        columns = parse_columns(self.columns or "")
-        return Hints(cameras=self.cameras, columns=columns, format=self.format_name, sheet=self.sheet, zero=self.zero)
+        return Hints(
+            cameras=self.cameras,
+            columns=parse_columns(self.columns or ""),
+            format=self.format_name,
+            sheet=self.sheet,
+            zero=self.zero,
+            individual=self.individual,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

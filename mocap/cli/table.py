@@ -97,6 +97,14 @@ ENTRIES = {
 """The commands, in the order of ``mocap --help``."""
 
 
+def of_folders() -> Any:
+    """What ``mocap info`` tells folders by, which the satellite of batches finds trials in; None: it is missing."""
+    entry = ENTRIES["batch"]
+    if not SATELLITES["batches"].present():
+        return None
+    return import_module(f"mocap.cli.{entry.file}").describe_folder
+
+
 class Commands(Mapping[str, Any]):
     """Commands by name, each imported when it is asked for; those of satellites that are missing are missing."""
 

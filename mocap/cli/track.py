@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap.cli.complete import models
 from mocap.cli.console import progress, say, typed
+from mocap.cli.offered import offered
 from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views, with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
@@ -57,7 +57,7 @@ def track(
             help="A file of mocap learn, or eal, mixture, articulated, lagrangian, smooth_acceleration, "
             "constant_velocity; auto: mixture, unless constant velocity fills hidden points better; of one to three "
             "markers smooth_acceleration.",
-            autocompletion=models,
+            autocompletion=offered("models"),
         ),
     ] = "auto",
     validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
@@ -138,7 +138,7 @@ def track(
 
 def block_size(recording: "Recording", requested: int | None) -> int:
     """Frames of a block; 0: the whole at once."""
-    from mocap.tracking.blocks import BLOCK, LONG
+    from mocap.recording import BLOCK, LONG
 
     if requested is not None:
         return requested
@@ -152,7 +152,8 @@ def block_size(recording: "Recording", requested: int | None) -> int:
 def on_disk(tracks: list[Path], options: RecordingOptions, blocks: int | None) -> "Recording | None":
     """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
     from mocap.io.tables_long import LongTable
-    from mocap.tracking.blocks import LONG, OnDisk
+    from mocap.recording import LONG
+    from mocap.tracking.blocks import OnDisk
 
     if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
         return None

@@ -17,30 +17,33 @@ from threading import Lock, Thread
 from time import monotonic
 from typing import Any
 
-from mocap import audit
+from mocap.audit.across import COLUMNS, TrialFacts
+from mocap.batches.beside import facts_here, told_by_siblings
 from mocap.batches.find import PLAN, PRELOAD, find_trials
 from mocap.batches.run import batch
-from mocap.batches.trial import Options, Trial, earlier_record, read_manifest, read_record, write_manifest
+from mocap.batches.summary import with_siblings
+from mocap.batches.trial import Options, Record, Trial, earlier_record, read_manifest, read_record, write_manifest
 from mocap.cameras.arrangement import ArrangementError
-from mocap.cleaning.cleaning import audit_points
+from mocap.cleaning.trial_audit import looked_at
 from mocap.desk.draft import Draft, open_draft
 from mocap.desk.proof import Proof, open_proof
 from mocap.desk.session import Session
 from mocap.documents import regular_bytes
 from mocap.errors import MocapError
-from mocap.findings import Finding, Kind, worst_first
+from mocap.findings import Finding, worst_first
 from mocap.io.manifest import digest, occupied
 from mocap.io.output import result_file, result_folder, taken_over
-from mocap.reading.decided import decided
 from mocap.reading.edits import read_edits, standing
-from mocap.reading.ideal_pixels import with_rays
 from mocap.reading.reading import OPTIONS, in_options
+from mocap.reading.session import facts_of
 from mocap.results.tracked import load
 from mocap.side_by_side import Hear, Worker, opened
 from mocap.text import number_of
 from mocap.trouble import trouble_of
 
 EDITS = "edits.jsonl"
+SIBLINGS = 8
+"""Trials that one is compared with at most before they are tracked: their middle is known by then."""
 STOP_S = 10.0
 """Tracking that is stopped sums up what is done in that time, or is ended."""
 MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
@@ -53,7 +56,7 @@ MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
 }
 """What can be done about a finding, by the argument of ``mocap.read`` that mends it: what a person reads, and the
 argument's value."""
-SHOWN = ("measured_percent", "rmse_mm", "fps", "mirrored")
+SHOWN = ("measured_percent", "rmse_mm", "fps")
 """Columns of ``summary.csv`` that the table of trials has, too."""
 PASSED = {
     "report": "report.html, figures and tables",
@@ -90,8 +93,9 @@ class Desk:
     limit_s: float | None = None
     proof: Proof | Session | None = None
     draft: Draft | None = None
-    looked: Future[list[Trial]] = field(default_factory=lambda: _known([]))
+    looked: Future[list[Trial]] = field(default_factory=lambda: _found([]))
     _written: str = ""
+    _facts: dict[str, TrialFacts] = field(default_factory=dict)
     _changes: Counter[str] = field(default_factory=Counter)
     _running: Worker | None = None
     _heard: dict[str, Any] = field(default_factory=dict)
@@ -154,14 +158,15 @@ class Desk:
     def overview(self) -> dict[str, Any]:
         """All trials, and how far each is."""
         self.take_in()
-        rows = []
+        rows, told, facts = [], self._told(), self._known()
         for trial in self.trials.values():
             record, log = read_record(self.out / trial.name), self.log(trial.name)
             current = None if trial.skip else earlier_record(self._as_edited(trial), self.options, self.out)
             status = "skipped" if trial.skip else "new" if record is None else record.status
             if status == "done" and current is None:
                 status = "changed"
-            row = {} if record is None else record.row
+            of_others = told.get(trial.name, [])
+            row = with_siblings(record or Record(trial=trial.name, status="done"), of_others).row
             edits, damaged = _number_of_edits(log)
             rows.append(
                 {
@@ -170,7 +175,9 @@ class Desk:
                     "status": status,
                     "error": in_options(damaged or trial.skip or ("" if record is None else record.error)),
                     "edits": edits,
-                    "wrong": [text for text in str(row.get("warning") or "").split(" | ") if text],
+                    "wrong": [in_options(text) for text in str(row.get("warning") or "").split(" | ") if text],
+                    "unlike": in_options(str(row.get("unlike", ""))),
+                    "mirrored": COLUMNS["mirrored"](facts[trial.name]) if trial.name in facts else None,
                     **{name: row.get(name) for name in SHOWN},
                     "stated": {key: str(value) for key, value in trial.arguments.items() if key != "hints"},
                     "command": self.command(trial),
@@ -193,7 +200,7 @@ class Desk:
         """
         if (wait or self.looked.done()) and (found := {trial.name: trial for trial in self.looked.result()}):
             self.keep(found | self.trials)
-            self.looked = _known([])
+            self.looked = _found([])
 
     def command(self, trial: Trial) -> str:
         """The command that tracks a trial as the desk does."""
@@ -213,35 +220,21 @@ class Desk:
 
     def audit(self, name: str) -> list[dict[str, Any]]:
         """What is found in a trial's files, worst first, each with what the program can do about it."""
-        trial = self._as_edited(self.trial(name))
-        found: list[Finding] = []
-        swap = None
-        try:
-            recording = trial.recording()
-            found += recording.findings
-            if recording.pixels is not None and len(recording.cameras) > 1:
-                rows = decided(with_rays(recording)).rows
-                assert rows is not None  # as two cameras see something
-                found += audit_points(recording)[1]
-                found += audit.audit_filmed(recording.cameras, recording.pixels, recording.ideal_px, rows)
-            elif recording.pixels is not None:
-                found += audit.pixel_findings(recording.pixels)
-            elif recording.points is not None:
-                found += audit.point_findings(recording.points)
-        except ArrangementError as error:
-            found.append(Finding(kind=error.arrangement.kind, alarm=True, text=str(error)))
+        trial, swap = self._as_edited(self.trial(name)), None
+        looked = looked_at(trial.recording, modelled=isinstance(self.options.model, Path))
+        if isinstance(looked.refused, ArrangementError):
             with suppress(MocapError):
                 swap = _in_order(trial)
-        except MocapError as error:
-            found.append(Finding(kind=Kind.REFUSED, alarm=True, text=str(error), mends=error.mends))
-        once: dict[str, Finding] = {}
-        for one in worst_first(found):
-            once.setdefault(one.text, one)
+        if looked.recording is not None:
+            self._facts[name] = facts_of(looked.recording, name=name)
+        self._know_siblings(trial)
+        found = worst_first([*self._told().get(name, ()), *looked.findings])
         return [
             {
                 "kind": one.kind,
                 "text": in_options(one.text),
                 "alarm": one.alarm,
+                "open": one.asks and not one.alarm,
                 "mend": [
                     {"said": label, "name": key, "value": value}
                     for key in one.mends or ()
@@ -250,8 +243,25 @@ class Desk:
                     if trial.arguments.get(key) != value
                 ],
             }
-            for one in once.values()
+            for one in found
         ]
+
+    def _know_siblings(self, trial: Trial) -> None:
+        """Read some trials of its session of which nothing is known, so that it can be compared with them."""
+        known = self._known()
+        others = [one for one in self.trials.values() if one.name != trial.name and not one.skip]
+        others = [one for one in others if one.arguments.get("calibration") == trial.arguments.get("calibration")]
+        for one in [one for one in others if one.name not in known][: max(0, SIBLINGS - len(known))]:
+            facts = facts_here(one)
+            self._facts[one.name] = TrialFacts(name=one.name) if facts is None else facts
+
+    def _known(self) -> dict[str, TrialFacts]:
+        """The facts of trials that were tracked, or looked at since the desk was opened."""
+        records = {name: read_record(self.out / name) for name in self.trials if name not in self._facts}
+        return {k: v.facts for k, v in records.items() if v is not None and v.facts is not None} | self._facts
+
+    def _told(self) -> dict[str, list[Finding]]:
+        return told_by_siblings(list(self.trials.values()), self._known())
 
     def state(self, name: str, key: str, value: Any) -> str:
         """State something of a trial, as an argument of ``mocap.read``; it is kept in the manifest.
@@ -272,6 +282,7 @@ class Desk:
         else:
             changed = replace(trial, arguments={**trial.arguments, key: value})
         self.keep({**self.trials, name: changed})
+        self._facts.pop(name, None)
         self.stated(name)
         return f"{name}: {key.replace('_', ' ')} {value}"
 
@@ -443,7 +454,7 @@ class Desk:
         return replace(trial, arguments={**trial.arguments, "edits": log})
 
 
-def _known(trials: list[Trial]) -> Future[list[Trial]]:
+def _found(trials: list[Trial]) -> Future[list[Trial]]:
     """Trials that need not be waited for."""
     found: Future[list[Trial]] = Future()
     found.set_result(trials)

@@ -10,7 +10,8 @@ const COLUMNS = [  // title, of a trial, width, class
   { of: "mirrored", title: "Mirrored", value: t => t.mirrored || "", width: 76, slim: true },
   { of: "edits", title: "Corr.", value: t => t.edits || "", width: 56, number: true, slim: true },
 ];
-const wrongs = t => t.error ? [t.error, ...t.wrong] : t.wrong;
+// the odd one out of its session says so where no warning does already
+const wrongs = t => [...t.error ? [t.error] : [], ...t.wrong, ...t.unlike && !t.wrong.includes(t.unlike) ? ["unlike the others: " + t.unlike] : []];
 const digits = (x, unit, n) => typeof x === "number" ? x.toFixed(n) + unit : "";
 const weight = (column, t) => column.weight ? column.weight(t) : typeof t[column.of] === "number" ? t[column.of] : column.value(t);
 
@@ -99,7 +100,7 @@ function details() {
   if (!found && !wrongs(t).length) $("findings").append(make("p", t.status === "new" ? "Not tracked yet." : "Nothing is wrong.", { className: "quiet" }));
 }
 function finding(t, f) {
-  const p = make("p", ""), mark = make("b", f.kind + ": ");
+  const p = make("p", ""), mark = make("b", (f.open ? "left open, " : "") + f.kind + ": ");
   if (f.alarm) mark.className = "alarm";
   p.append(mark, f.text + " ");
   for (const m of f.mend) p.append(make("button", m.said, { className: "mend", onclick: () => queued(async () => {
@@ -110,7 +111,7 @@ function finding(t, f) {
 async function audit(t) {
   $("said").textContent = `checking ${t.name} ...`;
   const found = await get("audit?trial=" + encodeURIComponent(t.name)), wrong = found.filter(f => f.alarm).length;
-  $("said").textContent = `${t.name}: ${wrong ? wrong + " to be looked at" : "nothing is wrong"}`;
+  $("said").textContent = `${t.name}: ${wrong ? wrong + " to be looked at" : "nothing is wrong" + (found.some(f => f.open) ? ", as far as is known" : "")}`;
   audited = { [t.name]: found };
   pickTrial(t.name); count("audits");
 }

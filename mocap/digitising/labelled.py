@@ -108,7 +108,7 @@ def label_segments(xyz_m: Array, poses: PoseGaussian) -> Labelled:
     """
     length = float(np.linalg.norm(np.ptp(poses.mean, axis=0)))
     segments = cut(xyz_m, jump_m=0.1 * length)
-    state = _State(xyz_m, segments, poses)
+    state = _Fitted(xyz_m, segments, poses)
     if not state.anchor():
         raise MocapError(
             "the animal of the model is recognised in no frame of this recording: the model must know these "
@@ -122,7 +122,7 @@ def label_segments(xyz_m: Array, poses: PoseGaussian) -> Labelled:
     return Labelled(segments=segments, marker=state.marker)
 
 
-class _State:
+class _Fitted:
     """Names while they are being found."""
 
     def __init__(self, xyz_m: Array, segments: tuple[TrajectoryPiece, ...], poses: PoseGaussian) -> None:

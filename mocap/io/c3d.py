@@ -30,7 +30,7 @@ _DECISIVE = re.compile(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Head:
+class C3dHead:
     """What the head of a C3D file says, by itself and in its parameters.
 
     Attributes:
@@ -88,7 +88,7 @@ def reals(data: bytes, processor: int) -> Array:
     return np.frombuffer(data, dtype=">f4" if processor == SGI else "<f4").astype(np.float32, copy=False)
 
 
-def read_head(path: Path, data: bytes) -> Head:
+def read_head(path: Path, data: bytes) -> C3dHead:
     """The head of a file, of which ``data`` is the whole.
 
     Raises:
@@ -108,7 +108,7 @@ def read_head(path: Path, data: bytes) -> Head:
     end = data_at if start < data_at <= len(data) else blocks_end
     parameters, findings = _parameters(path, data[start:end], processor, start)
     scale, rate_hz = (float(reals(data[at : at + 4], processor)[0]) for at in (12, 20))
-    return Head(
+    return C3dHead(
         processor=processor,
         points=int(words[1]),
         analog=int(words[2]),
@@ -340,7 +340,7 @@ class _Layout:
         return (4 * self.points + self.analog) * (4 if self.scale < 0 else 2)
 
 
-def _layout(path: Path, head: Head, data: bytes) -> tuple[_Layout, list[str]]:
+def _layout(path: Path, head: C3dHead, data: bytes) -> tuple[_Layout, list[str]]:
     """The layout that fills the file, of all that head and parameters state, and a finding for each other statement.
 
     Most files state each number twice, and many programs state one of them wrongly. The size of the file says which:
@@ -403,7 +403,7 @@ _WORDS = {
 """Of each part of a layout, how it is called."""
 
 
-def _statements(head: Head) -> dict[str, dict[str, Any]]:
+def _statements(head: C3dHead) -> dict[str, dict[str, Any]]:
     """Who states what of each part of a layout; what no file can have is left out."""
     channels, starts = head.number("ANALOG:USED"), head.number("POINT:DATA_START")
     ends = {"POINT:DATA_START": BLOCK * (int(starts or 0) - 1), "the block count of the parameters": head.blocks_end}
@@ -447,7 +447,7 @@ def _contradictions(statements: dict[str, dict[str, Any]], layout: _Layout, size
     return [*findings, *([f"{left} bytes after the last frame were ignored"] if left >= BLOCK and not more else [])]
 
 
-def _rate(head: Head) -> tuple[float | None, list[str]]:
+def _rate(head: C3dHead) -> tuple[float | None, list[str]]:
     """Frames a second by the head, else by POINT:RATE, and a finding where they differ or are none."""
     rates = {"the header": head.rate_hz, "POINT:RATE": head.number("POINT:RATE")}
     sane = {who: rate for who, rate in rates.items() if rate is not None and RATES_HZ[0] <= rate <= RATES_HZ[1]}
@@ -458,7 +458,7 @@ def _rate(head: Head) -> tuple[float | None, list[str]]:
     return fps, [f"the frame rate is {r:g} in {w}, {fps:g} in {who}: the latter is used" for w, r in odd]
 
 
-def _long_number(head: Head, key: str) -> int:
+def _long_number(head: C3dHead, key: str) -> int:
     """A number of two 16-bit words, the lower first; 0 where it is absent."""
     words = head.parameters.get(key)
     if not isinstance(words, np.ndarray) or words.size != 2 or not np.isfinite(words).all():
@@ -467,7 +467,7 @@ def _long_number(head: Head, key: str) -> int:
     return low + (high << 16)
 
 
-def _samples(head: Head, layout: _Layout, data: bytes) -> tuple[Array, Array, int]:
+def _samples(head: C3dHead, layout: _Layout, data: bytes) -> tuple[Array, Array, int]:
     """(T, P, 3) coordinates and (T, P) residuals in the unit of the file, and samples whose fourth word is none.
 
     The fourth word holds the cameras in its lower byte and a residual in the upper one, or is below 0.
@@ -491,7 +491,7 @@ def _saturated(counts: Array) -> NDArray[np.bool_]:
     return np.asarray(np.round(counts) >= most)
 
 
-def _labels(head: Head, points: int) -> list[str]:
+def _labels(head: C3dHead, points: int) -> list[str]:
     """LABELS, continued in LABELS2, LABELS3, ...; empty for a point without one."""
     labels, following = list(head.words("POINT:LABELS")), 2
     while len(labels) < points and f"POINT:LABELS{following}" in head.parameters:

@@ -123,6 +123,41 @@ class FileContents:
         parts = list(dict.fromkeys(p for _, p in pairs))
         return animals, parts, [animals.index(a or "id_0") * len(parts) + parts.index(p) for a, p in pairs]
 
+    def of_animal(self, individual: str | None) -> "FileContents":
+        """Of several animals one, its markers called by their body parts; what holds one animal stays as it is.
+
+        Raises:
+            FormatError: none is chosen, or there is none of that name.
+        """
+        there = list(dict.fromkeys(animal for animal, _ in self.animals if animal))
+        if individual is None and len(there) < 2:
+            return self
+        if individual not in there:
+            what = f"no animal {individual!r}" if individual else f"{len(there)} animals, which are no one recording"
+            raise FormatError(
+                f"{self.paths[0].name}: holds {what} ({', '.join(there) or 'none is named'}): give `individual`"
+            )
+        index = [i for i, (animal, _) in enumerate(self.animals) if animal in (individual, "")]
+        kept: dict[str, Any] = {
+            "names": tuple(self.animals[i][1] for i in index),
+            "animals": tuple(self.animals[i] for i in index),
+        }
+        n_markers = len(self.names)
+        for what in ("pixels", "points"):
+            if (tracks := getattr(self, what)) is not None:
+                axis = {"uv_px": 2, "xyz_m": 1, "cov_m2": 1, "status": 1}
+                own = {k: np.take(getattr(tracks, k), index, axis=a) for k, a in axis.items() if hasattr(tracks, k)}
+                kept[what] = replace(tracks, names=kept["names"], **own)
+        if self.score is not None:
+            kept["score"] = np.take(self.score, index, axis=-1)
+        if self.saturated is not None:
+            kept["saturated"] = self.saturated[:, index]
+        kept["tables"] = {
+            name: table if name == "offset_frames" or table.shape[1:2] != (n_markers,) else table[:, index]
+            for name, table in self.tables.items()
+        }
+        return replace(self, **kept)
+
     def frames_from_0(self) -> NDArray[np.int64]:
         """(T,) numbers of the frames as video programs count them: 0 at time 0."""
         tracks = self.pixels if self.points is None else self.points

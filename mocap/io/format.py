@@ -113,6 +113,7 @@ class Hints:
         format: Name of the format; None: found by content.
         sheet: Of a workbook (.xlsx) with several sheets, the one to read: its name, or its number from 1.
         zero: What samples at exactly (0, 0, 0) are; None: judged by evidence (``mocap.io.plausible``).
+        individual: Of a file with several animals the one whose markers are meant.
         fps: Frames a second; times of the file that are too coarse for it are not used.
     """
 
@@ -121,6 +122,7 @@ class Hints:
     format: str | None = None
     sheet: str | None = None
     zero: Zero | None = None
+    individual: str | None = None
     fps: float | None = None
 
 

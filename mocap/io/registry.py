@@ -284,6 +284,14 @@ def _identify(path: Path, hints: Hints) -> Format:
     for format in FORMATS:
         if format.knows(beginning):
             return format
+    if looks_like(beginning) == "an MP4 or MOV video" or path.suffix.lower() in (
+        ".avi",
+        ".mkv",
+        ".cine",
+        ".mp4",
+        ".mov",
+    ):
+        raise FormatError(f"{path.name}: is a video, in which nothing is digitised yet: mocap digitise does that")
     near = "; ".join(f"{format.title} (`format` {format.name})" for format in nearest(beginning, FORMATS))
     raise FormatError(
         f"{path.name}: {looks_like(beginning)}: not a known format. Nearest are {near}. If it is a table, state what "

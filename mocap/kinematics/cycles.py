@@ -144,20 +144,24 @@ def _cycle(found: Kinematics, kind: str, of: str, ends_s: tuple[float, float], *
 
 
 def turning_sd(t_s: Array, rate: Array, sd: Array, frame: int) -> float:
-    """Standard deviation of the time at which a rate goes through zero after a frame, s; infinite: it may be anywhere.
+    """Standard deviation of the time at which a rate goes through zero after a frame, s.
 
     A quarter of the width of the times at which the rate is within two of its own standard deviations of zero, over
     1.02: where rate and deviation hardly change there it is the deviation over the slope, and it grows with the
-    deviation where the limb was hidden nearby.
+    deviation where the limb was hidden nearby. Where the recording ends before, or nothing is known of the limb from
+    there on, the rate goes on as it goes through zero, with the deviation that it has at the end.
     """
     sign = 1.0 if rate[frame] > rate[frame + 1] else -1.0
+    at, slope = _at(t_s, rate, frame), abs(rate[frame + 1] - rate[frame]) / (t_s[frame + 1] - t_s[frame])
     ends = []
     for step, k in ((-1, frame), (1, frame + 1)):
         out = -step * sign * rate - Z95 * sd  # above zero where the rate has left its interval on this side
         while 0 <= k < len(rate) and out[k] <= 0:
             k += step
         if not 0 <= k < len(rate) or not np.isfinite(out[k]):
-            return np.inf
+            far = Z95 * sd[k - step] / slope if slope > 0 else np.inf
+            ends.append(at + step * max(far, abs(float(t_s[k - step]) - at)))
+            continue
         share = out[k] / (out[k] - out[k - step])
         ends.append(float(t_s[k] + share * (t_s[k - step] - t_s[k])))
     return (ends[1] - ends[0]) / (2 * Z95)

@@ -17,6 +17,8 @@ COLUMNS = (
     "trial", "animal", "kind", "of", "cycle", "side", "quantity", "statistic", "value", "sd", "low", "high", "unit",
     "status",
 )  # fmt: skip
+STATISTICS = ("peak", "trough", "range", "mean", "peak_time_s", "peak_phase")
+"""Of a quantity in a cycle, in the order of their rows."""
 DRAWS = 200
 """Curves that are drawn: their standard deviation is known to 5 %."""
 TAKEN = 0.2

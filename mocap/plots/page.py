@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
-from eal.arrays import Z95
+from eal.arrays import Z95, Array
 from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table
-from mocap.kinematics.extremes import cycle_statistics
+from mocap.kinematics.extremes import STATISTICS, cycle_statistics
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.manual import what_to_do
@@ -24,9 +24,6 @@ from mocap.records import Status
 from mocap.report.summary import expected_error, length_text, notes, two_digits
 from mocap.sides import words
 from mocap.tracking.result import Result
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _MEANT = {"body_speed_m_s": "net body speed"}
 """Columns of the table of cycles whose names leave open what they are."""
@@ -180,20 +177,22 @@ def _peaks(run: Result, found: Kinematics, rows: Sequence[Cycle]) -> dict[str, A
     lines = []
     for title, q in _shown_angles(run, found):
         table = cycle_statistics(found, counted(rows), q.name)
-        for (_, of), some in table.groupby(["kind", "of"], sort=False):
-            by = {name: one for name, one in some.groupby("statistic")}
-            cells = [_mean_sd(by[name]["value"]) for name in ("peak", "trough", "range", "mean")]
-            own, at = f"± {Z95 * by['peak']['sd'].median():.2g}", _mean_sd(100 * by["peak_phase"]["value"])
-            line = [title, words(str(of)), str(len(by["peak"])), cells[0], own, *cells[1:], at]
-            lines.append((by["range"]["value"].mean(), line))
+        for of in table["of"].unique():
+            some = table[table["of"] == of]
+            values = {name: np.asarray(some["value"][some["statistic"] == name]) for name in STATISTICS}
+            cells = [_mean_sd(values[name]) for name in ("peak", "trough", "range", "mean")]
+            own = f"± {Z95 * np.median(some['sd'][some['statistic'] == 'peak']):.2g}"
+            at = _mean_sd(100 * values["peak_phase"])
+            line = [title, words(of), str(len(values["peak"])), cells[0], own, *cells[1:], at]
+            lines.append((values["range"].mean(), line))
     columns = [("joint", ""), ("cycles of", ""), ("n", ""), ("peak", "°"), ("95 % interval of one (median)", "°")]
     columns += [("trough", "°"), ("range", "°"), ("mean", "°"), ("time of peak", "% of the cycle")]
     ordered = [line for _, line in sorted(lines, key=lambda one: -one[0])]
     return {"columns": columns, "lines": ordered} if ordered else None
 
 
-def _mean_sd(values: "pd.Series") -> str:
-    spread = f" ± {values.std():.2g}" if len(values) > 1 else ""
+def _mean_sd(values: Array) -> str:
+    spread = f" ± {values.std(ddof=1):.2g}" if len(values) > 1 else ""
     return f"{values.mean():.1f}{spread}"
 
 

@@ -220,7 +220,8 @@ def _estimated_lens(lens: TrackLens) -> Finding:
     return Finding(
         kind=Kind.LENS,
         text=f"the lens was estimated from the recording itself: {lens.words}; median residual of stretches that the "
-        f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after",
+        f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after; the result's "
+        "camera_profile.txt holds it, for other trials of these cameras and for one camera (`profile`)",
     )
 
 

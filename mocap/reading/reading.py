@@ -25,7 +25,7 @@ from mocap.io.profile import with_profile
 from mocap.io.registry import as_table
 from mocap.io.registry import read as read_file
 from mocap.io.rigid import with_bodies
-from mocap.io.together import joined
+from mocap.io.together import joined, point_names
 from mocap.io.unstated_unit import in_metres
 from mocap.reading.decided import Decided, decided
 from mocap.reading.edits import read_log
@@ -72,7 +72,8 @@ def read(
         calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
         fps: Frames a second, where the files do not hold it (or hold another).
         unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
-        skeleton: Skeleton TOML (markers, bones, joints), or a ``mocap.Skeleton``.
+        skeleton: Skeleton TOML (markers, bones, joints), or a ``mocap.Skeleton``; a list of names (.txt, .csv), one a
+            marker of the file in its order, names the markers.
         profile: Camera profile, a line a camera.
         origin: Corner that pixel rows are counted from; None: found by the residual.
         calibration_origin: The same for the calibration, if it differs.
@@ -84,7 +85,8 @@ def read(
             (MATLAB files with ``XYtop_left``, a row a frame; DeepLabCut's config.yaml or meta file; tables x,y). None:
             those beside the tracks with names that match, if rays then meet better.
         hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
-            number of cameras of a sparse pixel file, the sheet of a workbook, what samples at exactly zero are.
+            number of cameras of a sparse pixel file, the sheet of a workbook, what samples at exactly zero are, which
+            of several animals is meant.
         mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions stay pixels, but where
             the titles of a table or ``unit`` state that its two columns a point are lengths in a plane.
         fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
@@ -118,6 +120,11 @@ def read(
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
     hints = replace(hints or Hints(), fps=fps)
     contents, how = complete(_whole(files, rig, hints), where=files[0].name, fps=fps, unit=unit)
+    contents = contents.of_animal(hints.individual)
+    if not contents.names and rig is not None and contents.cameras and read_file(rig, hints).names:
+        raise FormatError(
+            f"{files[0].name}: is a calibration, and {rig.name}, given as `calibration`, holds tracks: exchange them"
+        )
     if not contents.names:
         why = "; ".join((*contents.findings, "give a file of pixels or positions"))
         raise FormatError(f"{files[0].name}: contains no markers ({contents.format}): {why}")
@@ -372,6 +379,10 @@ def animal(
     if given is None:
         rigid = {body: tuple(own) for body, own in (bodies or {}).items()}
         return Skeleton(name="markers only", markers=tuple(names), bodies=rigid), tuple(names)
+    if not isinstance(given, Skeleton) and Path(given).suffix.lower() in (".txt", ".csv", ".tsv"):
+        path = _path("skeleton", given)  # names are half a skeleton
+        called = tuple(point_names(path, len(names)))
+        return Skeleton(name=path.stem, markers=called), called
     skeleton = given if isinstance(given, Skeleton) else read_skeleton(_path("skeleton", given))
     renamed = skeleton.renamed(names)
     try:

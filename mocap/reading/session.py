@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mocap.audit.across import TrialFacts, median_lengths
 from mocap.audit.geometry import handedness, jitter_px
+from mocap.audit.offsets import estimate_offsets
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.findings import Finding
@@ -69,6 +70,8 @@ def facts_of(
         stated: Arguments that were stated for it alone.
         name: Of the trial; empty: the recording's.
     """
+    if not {"pixels", "position"} & {*recording.data}:  # bodies alone
+        return TrialFacts(name=name or recording.name, session=session, animal=animal, stated=stated)
     seen: NDArray[np.bool_] = recording.seen
     if "pixels" in recording.data:
         seen = np.asarray(seen.any(axis=0))
@@ -101,6 +104,8 @@ def facts_of(
             facts["residual_px"] = float(np.nanmedian(miss))
             looked = np.isfinite(ideal[:, some, :, 0]).reshape(len(ideal), -1)
             facts["camera_px"] = tuple(map(float, by_camera(miss.ravel(), looked)))
+        if (lags := estimate_offsets(matrices, ideal)) is not None:
+            facts["lag_frames"] = tuple(map(float, lags.offset_frames))
         if (rows := decided(recording).rows) is not None:
             facts["mirrored"] = handedness(recording.cameras, y_up=rows.coefficients == "lower-left")
     else:

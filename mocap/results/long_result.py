@@ -21,7 +21,7 @@ from mocap.kinematics.cycles import Cycle, cycles
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
 from mocap.reading.decided import decided
-from mocap.recording import Recording
+from mocap.recording import BLOCK, Recording
 from mocap.records import Status
 from mocap.report.job import reported
 from mocap.report.report import counts, together
@@ -29,7 +29,7 @@ from mocap.results.blocks import BlockWriter
 from mocap.results.stored import write_arrays
 from mocap.results.tables import write_report
 from mocap.results.tracked import Tracked
-from mocap.tracking.blocks import BLOCK, blocks_of, learn_excerpts, track_block
+from mocap.tracking.blocks import blocks_of, learn_excerpts, track_block
 from mocap.tracking.report_part import Report
 from mocap.tracking.result import Result
 from mocap.tracking.tracking import still

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from mocap.io.csv_table import as_cells, decimals_of
 from mocap.io.netcdf import as_netcdf
+from mocap.io.profile import write_profile
 from mocap.io.tables import origin_words
 from mocap.joints import FRAMES
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.extremes import cycle_statistics
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
+from mocap.reading.decided import decided
 from mocap.reading.reading import in_options
 from mocap.records import MarkerTracks
 from mocap.results.stored import plane_dataset, write_arrays
@@ -26,6 +28,8 @@ from mocap.tracking.result import Result
 if TYPE_CHECKING:
     import pandas as pd
 
+LENSES = "camera_profile.txt"
+"""Lenses that were estimated from the recording, for other trials of its cameras, and for one camera."""
 ENERGIES = ("energy_j", "v_z", "v_z_bound")
 """Columns of a Lagrangian."""
 
@@ -39,6 +43,10 @@ def write_run(run: Result, folder: Path, *, write_recording: Callable[[Result, P
         table = angle_table(run.angles)
         table.to_csv(folder / "joint_angles.csv", index=False, float_format="%.6g", lineterminator="\n")
     write_report(run, folder)
+    how = decided(run)
+    if how.lens is not None and how.rows is not None:
+        y_up = how.rows.coefficients == "lower-left"
+        write_profile(folder / LENSES, how.lens.cameras(run.cameras, y_up=y_up))
     if write_recording is not None:
         write_recording(run, folder / "recording.rrd")
 

@@ -34,10 +34,6 @@ from mocap.tracking.tracking import each_alone, motion_of, of_tracks, seen_part,
 
 Mask = NDArray[np.bool_]
 
-BLOCK = 4000
-"""Frames of a block; 34 markers then need half a GB, less than the program itself (docs/experiments/blocks.md)."""
-LONG = 20_000
-"""Recordings of more frames are tracked in blocks unless something else is asked for; 34 markers then need 3 GB."""
 LEAST_S, LEAST, MOST = 0.5, 60, 1000
 """A margin is this long in seconds and in frames at least, in frames at most. After 60 frames constant velocity has
 forgotten all but e^-20 (tests/mocap/test_blocks.py); the others are chosen, not measured."""

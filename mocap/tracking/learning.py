@@ -160,7 +160,7 @@ def learn_from(
     for number, one in enumerate(_cleaned(sources, tell)):
         seen = np.isfinite(one.xyz_m[..., 0])
         tell(f"{one.name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
-        some.add(number, _Shown.of(one))
+        some.add(number, _Kept.of(one))
     if not some.kept:
         raise MocapError("there is no recording to learn from")
     shown = some.in_order
@@ -192,7 +192,7 @@ def learn_from(
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class _Kept:
     """What is kept of a recording: the seen frames of all its markers, of ``LONGEST`` those that show most."""
 
     names: tuple[str, ...]
@@ -200,7 +200,7 @@ class _Shown:
     skeleton: Skeleton
 
     @classmethod
-    def of(cls, recording: Recording) -> "_Shown":
+    def of(cls, recording: Recording) -> "_Kept":
         part = recording.at(seen_frames(recording))
         return cls(recording.names, best_of(marker_trial(part), LONGEST), recording.skeleton)
 
@@ -217,11 +217,11 @@ class _Shown:
 class _Some:
     """Recordings of at most ``MOST_FRAMES`` frames: those with the lowest lots of all that were offered."""
 
-    kept: dict[tuple[float, int], _Shown] = field(default_factory=dict)
+    kept: dict[tuple[float, int], _Kept] = field(default_factory=dict)
     offered: int = 0
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
-    def add(self, number: int, shown: _Shown) -> None:
+    def add(self, number: int, shown: _Kept) -> None:
         """Offer one; which are kept does not depend on how many follow that are not."""
         self.offered += 1
         self.kept[float(self.rng.random()), number] = shown
@@ -233,7 +233,7 @@ class _Some:
         return sum(len(shown.trial.t_s) for shown in self.kept.values())
 
     @property
-    def in_order(self) -> list[_Shown]:
+    def in_order(self) -> list[_Kept]:
         return [self.kept[lot] for lot in sorted(self.kept, key=lambda lot: lot[1])]
 
 

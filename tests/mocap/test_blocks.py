@@ -263,6 +263,18 @@ def test_findings_of_blocks():
     ]
 
 
+def test_what_one_block_never_sees_is_not_said_of_the_recording():
+    """Of two blocks that lack a and b, and b, only b is never seen; a block that sees all: none is."""
+
+    def unseen(*markers):
+        return Finding(kind=Kind.NEVER_SEEN, alarm=True, text=f"never seen: {', '.join(markers)}", markers=markers)
+
+    (one,) = over_blocks([[unseen("a", "b")], [unseen("b")]])
+    assert str(one).startswith("never seen: b")
+    assert one.markers == ("b",)
+    assert over_blocks([[unseen("a", "b")], []]) == []
+
+
 def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
     """Angles of every cycle have their means, in the columns of all blocks; the first block has no cycle at all."""
     t_s = np.arange(420) / 100

@@ -1,6 +1,8 @@
 """What the gap benchmark measures of ours is what a user gets."""
 
 import sys
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,10 +11,11 @@ from mocap.datasets import make_bat
 
 from benchmarks.gaps.hide import hide
 from benchmarks.gaps.method import Trial
-from benchmarks.gaps.ours import Ours
+from benchmarks.gaps.ours import Ours, without_holes
 from benchmarks.gaps.prepared import recording, tracks_of
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
+from mocap.io.unstated_unit import length
 
 NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l")
 LIMBS = (("elbow_l", "wrist_l"),)
@@ -85,3 +88,19 @@ def test_cleaning_does_not_touch_clean_positions():
     np.testing.assert_array_equal(prepared.xyz_m, trial.xyz_m)
     np.testing.assert_allclose(np.trace(prepared.cov_m2, axis1=-2, axis2=-1) / 3, SD_M**2)
     assert prepared.skeleton.trunk == trial.trunk
+
+
+def test_what_a_run_leaves_empty_lies_on_lines():
+    """With the covariance of anywhere in the animal; all else is the run's own."""
+    trial = flight(2)
+    tracks, unknown = tracks_of(trial), np.zeros(trial.xyz_m.shape[:2], dtype=bool)
+    run = SimpleNamespace(data={"unknown": SimpleNamespace(values=unknown)}, tracks=tracks)
+    assert without_holes(run, trial) is tracks
+    unknown[10:20, 1] = True
+    shown = replace(trial, xyz_m=np.where(unknown[..., None], np.nan, trial.xyz_m))
+    run.xyz_m, run.cov_m2 = shown.xyz_m, tracks.cov_m2
+    filled = without_holes(run, shown)
+    ends = trial.xyz_m[[9, 20], 1]
+    np.testing.assert_allclose(filled.xyz_m[12, 1], ends[0] + 3 / 11 * (ends[1] - ends[0]))
+    assert np.sqrt(filled.cov_m2[12, 1, 0, 0]) == pytest.approx(length(shown.xyz_m))
+    np.testing.assert_array_equal(filled.xyz_m[~unknown], trial.xyz_m[~unknown])

@@ -260,7 +260,7 @@ def test_trials_of_one_name_are_told_apart(tmp_path):
 
 
 def test_plain_tables_are_trials(mocap, tmp_path):
-    """As ``mocap track`` reads them: positions by their titles; pixels of one camera each need a calibration."""
+    """As ``mocap track`` reads them: positions by their titles; pixels of one camera are one video."""
     (tmp_path / "lab").mkdir()
     rows = [f"{t},{t / 100},{t},2,3" for t in range(9)]
     (tmp_path / "lab" / "walk.csv").write_text("\n".join(["frame,time,m0_x,m0_y,m0_z", *rows]))
@@ -269,13 +269,13 @@ def test_plain_tables_are_trials(mocap, tmp_path):
     found = {trial.name: trial for trial in find_trials([tmp_path / "lab"])}
     assert not found["walk"].skip
     assert found["walk"].recording().fps == pytest.approx(100)
-    assert "without a calibration" in found["run"].skip
+    assert found["run"].recording().planar
     assert "a plain table of 2 columns (what, why)" in found["what"].skip
     write_table(tmp_path / "lab" / "walk_xyzpts.csv", ["a_X", "a_Y", "a_Z"], np.arange(9.0).reshape(3, 3))
     (walk,) = (trial for trial in find_trials([tmp_path / "lab"]) if trial.name == "walk")
     assert walk.paths[0].name == "walk_xyzpts.csv"  # a program's own format goes before
     _, _, err = mocap("batch", tmp_path / "lab", "--dry-run", "--out", tmp_path / "m.csv")
-    assert err.startswith("3 of 3 trials cannot be tracked: ")  # walk, now, has no frame rate
+    assert err.startswith("2 of 3 trials cannot be tracked: ")  # walk, now, has no frame rate
 
 
 def test_dry_run_touches_nothing_else(mocap, twin, tmp_path):

@@ -149,7 +149,19 @@ def test_a_turning_point_beside_a_gap_is_known_less_well():
     t_s = np.arange(200) / 50
     rate, sd = 40 * (2 - t_s), np.where(t_s > 2.05, 20.0, 2.0)
     assert turning_sd(t_s, rate, sd, 100) > 4 * 0.05
-    assert turning_sd(t_s, rate, np.full(200, 1e3), 100) == np.inf
+    assert turning_sd(t_s, rate, np.full(200, 1e3), 100) == pytest.approx(25, rel=1e-9)  # longer than the recording
+
+
+def test_a_turning_point_before_the_end_is_known_by_its_slope():
+    """One and a half frames before the recording ends, or before nothing is known: 0.05 s, as in its middle."""
+    t_s = np.arange(102) / 50
+    rate, sd = 40 * (1.99 - t_s), np.full(102, 2.0)
+    assert turning_sd(t_s, rate, sd, 99) == pytest.approx(0.05, rel=1e-9)
+    longer = np.concatenate([rate, np.full(9, np.nan)])
+    sd = np.concatenate([sd, np.full(9, np.nan)])
+    assert turning_sd(np.arange(111) / 50, longer, sd, 99) == pytest.approx(0.05, rel=1e-9)
+    sd[99:102] = 50.0  # known less well there: later by up to a second
+    assert turning_sd(np.arange(111) / 50, longer, sd, 99) > 0.5
 
 
 def test_gaps_are_found_at_times():

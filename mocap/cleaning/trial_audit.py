@@ -16,8 +16,7 @@ from mocap.io.format import Hints
 from mocap.io.registry import read as read_file
 from mocap.reading.ideal_pixels import of_one_camera
 from mocap.reading.reading import read
-from mocap.recording import Recording
-from mocap.tracking.blocks import BLOCK, LONG
+from mocap.recording import BLOCK, LONG, Recording
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -104,17 +103,3 @@ def _parts(found: Sequence[FileContents]) -> dict[str, Any] | None:
     if not (tracks and one_trial and told) or (rigs and any(one.cameras for one in tracks)):
         return None
     return {"tracks": [one.paths[0] for one in tracks]} | {k: one[0].paths[0] for k, one in others.items() if one}
-
-
-def listed(findings: Sequence[Finding], *, indent: str = "  ") -> list[str]:
-    """The list as lines of text: what is wrong, worst first, what is left open, and what was decided."""
-    wrong, left, rest = ([f.text for f in findings if _class(f) == k] for k in range(3))
-    lines = ["What is wrong, worst first"] if wrong else ["Nothing is wrong" + (", as far as is known" if left else "")]
-    lines += [f"  {number}. {text}" for number, text in enumerate(wrong, start=1)]
-    for title, texts in (("Left open, to be stated", left), ("Decided", rest)):
-        lines += [title, *(f"  - {text}" for text in texts)] if texts else []
-    return [indent + line for line in lines]
-
-
-def _class(finding: Finding) -> int:
-    return 0 if finding.alarm else 1 if finding.asks else 2

@@ -17,7 +17,7 @@ from threading import Lock, Thread
 from time import monotonic
 from typing import Any
 
-from mocap.audit.across import TrialFacts
+from mocap.audit.across import COLUMNS, TrialFacts
 from mocap.batches.beside import facts_here, told_by_siblings
 from mocap.batches.find import PLAN, PRELOAD, find_trials
 from mocap.batches.run import batch
@@ -56,7 +56,7 @@ MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
 }
 """What can be done about a finding, by the argument of ``mocap.read`` that mends it: what a person reads, and the
 argument's value."""
-SHOWN = ("measured_percent", "rmse_mm", "fps", "mirrored")
+SHOWN = ("measured_percent", "rmse_mm", "fps")
 """Columns of ``summary.csv`` that the table of trials has, too."""
 PASSED = {
     "report": "report.html, figures and tables",
@@ -93,7 +93,7 @@ class Desk:
     limit_s: float | None = None
     proof: Proof | Session | None = None
     draft: Draft | None = None
-    looked: Future[list[Trial]] = field(default_factory=lambda: _known([]))
+    looked: Future[list[Trial]] = field(default_factory=lambda: _found([]))
     _written: str = ""
     _facts: dict[str, TrialFacts] = field(default_factory=dict)
     _changes: Counter[str] = field(default_factory=Counter)
@@ -158,7 +158,7 @@ class Desk:
     def overview(self) -> dict[str, Any]:
         """All trials, and how far each is."""
         self.take_in()
-        rows, siblings = [], self._told()
+        rows, siblings, facts = [], self._told(), self._known()
         for trial in self.trials.values():
             record, log = read_record(self.out / trial.name), self.log(trial.name)
             current = None if trial.skip else earlier_record(self._as_edited(trial), self.options, self.out)
@@ -177,6 +177,7 @@ class Desk:
                     "edits": edits,
                     "wrong": [in_options(text) for text in str(row.get("warning") or "").split(" | ") if text],
                     "unlike": in_options(str(row.get("unlike", ""))),
+                    "mirrored": COLUMNS["mirrored"](facts[trial.name]) if trial.name in facts else None,
                     **{name: row.get(name) for name in SHOWN},
                     "stated": {key: str(value) for key, value in trial.arguments.items() if key != "hints"},
                     "command": self.command(trial),
@@ -199,7 +200,7 @@ class Desk:
         """
         if (wait or self.looked.done()) and (found := {trial.name: trial for trial in self.looked.result()}):
             self.keep(found | self.trials)
-            self.looked = _known([])
+            self.looked = _found([])
 
     def command(self, trial: Trial) -> str:
         """The command that tracks a trial as the desk does."""
@@ -453,7 +454,7 @@ class Desk:
         return replace(trial, arguments={**trial.arguments, "edits": log})
 
 
-def _known(trials: list[Trial]) -> Future[list[Trial]]:
+def _found(trials: list[Trial]) -> Future[list[Trial]]:
     """Trials that need not be waited for."""
     found: Future[list[Trial]] = Future()
     found.set_result(trials)

@@ -10,7 +10,8 @@ const COLUMNS = [  // title, of a trial, width, class
   { of: "mirrored", title: "Mirrored", value: t => t.mirrored || "", width: 76, slim: true },
   { of: "edits", title: "Corr.", value: t => t.edits || "", width: 56, number: true, slim: true },
 ];
-const wrongs = t => t.error ? [t.error, ...t.wrong] : t.wrong;
+// the odd one out of its session says so where no warning does already
+const wrongs = t => [...t.error ? [t.error] : [], ...t.wrong, ...t.unlike && !t.wrong.includes(t.unlike) ? ["unlike the others: " + t.unlike] : []];
 const digits = (x, unit, n) => typeof x === "number" ? x.toFixed(n) + unit : "";
 const weight = (column, t) => column.weight ? column.weight(t) : typeof t[column.of] === "number" ? t[column.of] : column.value(t);
 

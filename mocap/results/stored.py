@@ -22,6 +22,7 @@ from mocap.reading.reading import in_arguments
 from mocap.reading.session import Siblings
 from mocap.recording import Part, Source, with_variables
 from mocap.records import Status
+from mocap.results.earlier import WITHOUT_PARTS, earlier_parts
 from mocap.results.files import MARKERS, RECORDING, SKELETON
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
@@ -154,7 +155,7 @@ def write_arrays(recording: Result, folder: Path) -> None:
 
 
 def read_recording(folder: Path) -> Result:
-    """Read what ``write_arrays`` wrote, all but movies.
+    """Read what ``write_arrays`` wrote, of this format or the one before (``mocap.results.earlier``); all but movies.
 
     Raises:
         FormatError: the folder holds no result, or one of another version.
@@ -171,8 +172,9 @@ def read_recording(folder: Path) -> Result:
     found = read_netcdf(path, again=AGAIN)
     header = from_json(str(found.attrs.get("header", "{}")), str(path), finite=False)
     format = header.get("format") if isinstance(header, dict) else header
-    if format != FORMAT:
+    if format not in (FORMAT, WITHOUT_PARTS):
         raise FormatError(f"{path}: is {format}, expected {FORMAT}: track again with this version")
+    header |= earlier_parts(header, folder) if format == WITHOUT_PARTS else {}
     where = f"{path}: header"
     entries = checked(where, header, _HEADER, again=AGAIN)
     cameras = tuple(

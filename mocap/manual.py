@@ -54,14 +54,14 @@ def topics() -> dict[str, str]:
 @cache
 def _entries() -> dict[str, str]:
     """Title and text, in Markdown, of each symptom; links to other pages are said as the command that prints them."""
-    page = re.sub(r"\[[^]]*\]\((?:\w+/)*(\w+)\.md[^)]*\)", r"`mocap help \1`", topics()["troubleshooting"])
+    page = re.sub(r"\[[^]]*\]\((?:\w+/)*(\w+)\.md[^)]*\)", r"`mocap help \1`", topics().get("troubleshooting", ""))
     found = re.findall(r"^\*\*(.+?)\*\*\s+(.+?)(?=\n\n|\Z)", page, re.MULTILINE | re.DOTALL)
     return {" ".join(title.split()): text for title, text in found}
 
 
 def what_to_do(kind: Kind) -> tuple[str, str] | None:
-    """Title and text, in Markdown, of what to do about an alarm of a kind; None: it is none that can be mended."""
+    """Title and text, in Markdown, of what to do about an alarm of a kind; None: nothing, or no pages."""
     begins = _SYMPTOM_OF.get(kind)
     if begins is None:
         return None
-    return next((title, text) for title, text in _entries().items() if title.startswith(begins))
+    return next(((title, text) for title, text in _entries().items() if title.startswith(begins)), None)

@@ -127,7 +127,7 @@ def surface_view(layout: Layout, name: str) -> rrb.View:
     land, up = layout.landscapes[name], np.array([0.0, 0.0, 1.0])
     middle = np.array([land.x_mm.mean(), land.y_mm.mean(), 0.4 * land.height_mm])
     look = eye(middle, 2.0 * float(land.x_mm[-1] - land.x_mm[0]), up, rise=1.1)
-    title = "joint potential: 0 (yellow) where the joint goes, 1 (violet) elsewhere; red: preferred; mm"
+    title = "joint potential: 0 (yellow) where the joint goes, 1 (violet) elsewhere; pink: preferred; mm"
     return _solid_view(layout, paths.joint(name, "surface"), title, look)
 
 
@@ -200,7 +200,7 @@ def _log_surface(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape
     way = land.lifted(land.path_mm)
     # the half of least V: preferred configurations, as in Figs 7 and 8 of the paper
     preferred = land.samples_value <= np.median(land.samples_value)
-    dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
+    dots = np.where(preferred[:, None], palette.PURPLE, palette.GROUND).astype(np.uint8)
     log_moving(rec, path, t_s, land.lifted(land.samples_mm), way, dots=dots, trail=palette.BLUE)
     lifted = [land.lifted(line) for line in land.contour_mm(EDGE)]
     rec.log(f"{path}/range", rr.LineStrips3D(lifted, colors=palette.WHITE, radii=ui(1.0)), static=True)

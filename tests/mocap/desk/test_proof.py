@@ -10,6 +10,7 @@ import pytest
 from mocap.cameras.camera import record
 from mocap.cameras.origin import PixelOptions
 from mocap.desk.proof import Proof, places
+from mocap.kinematics.records import Rests
 from mocap.reading.edits import read_edits
 from mocap.reading.ideal_pixels import of_pixels
 from mocap.records import PixelTracks, Status, marker_tracks
@@ -130,14 +131,17 @@ def test_undo_gives_back_every_bit(tmp_path, hidden, clicks):
 
 
 def test_a_curve_has_the_cycles_in_its_frames(tmp_path):
-    """By what they are of, with the frames of their times; values at so many frames as are wanted, gaps as None."""
+    """By what they are of, with their times in seconds; values at so many frames as are wanted, gaps as None."""
     proof, _, _ = proof_of(tmp_path)
     value = np.where(np.arange(60) == 0, np.nan, np.arange(60.0))
-    proof.result.kinematics = {"q": SimpleNamespace(value=value, low=value - 1, high=value + 1, unit="deg")}
+    rests = np.full(60, Rests.MEASURED)
+    proof.result.kinematics = {
+        "q": SimpleNamespace(value=value, low=value - 1, high=value + 1, unit="deg", rests=rests)
+    }
     rows = [("wing_beat", "a", 0.1, 0.3), ("wing_beat", "a", 0.3, 0.5), ("stride", "b", 0.0, 0.2)]
     proof.result.cycles = pd.DataFrame(rows, columns=["kind", "of", "start_s", "end_s"])
     curve = proof.curve("q", points=30)
-    assert curve["cycles"] == {"wing beat a": [[10, 30], [30, 50]], "stride b": [[0, 20]]}
+    assert curve["cycles"] == {"a, wing beat": [[0.1, 0.3], [0.3, 0.5]], "b, stride": [[0.0, 0.2]]}
     assert len(curve["frames"]) == 30
     assert curve["value"] == [None, *curve["frames"][1:]]
 

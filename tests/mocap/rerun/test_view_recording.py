@@ -232,7 +232,7 @@ def test_range_and_preferred_configurations(run, rrd):
     np.testing.assert_allclose(at_edge, 0.5, atol=(cell_m / potential.scale_m) ** 2 / 8 * 2 * 4 * 8.0)
     at_samples = potential.potential.value(potential.samples_m / potential.scale_m)
     colors = column(rrd, f"{paths.joint(name, 'surface')}/samples", "Points3D:colors")[2]
-    red = colors == int.from_bytes(bytes((*palette.VERMILLION, 255)))
+    red = colors == int.from_bytes(bytes((*palette.PURPLE, 255)))
     np.testing.assert_array_equal(red, at_samples <= np.median(at_samples))
 
 

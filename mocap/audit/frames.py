@@ -52,7 +52,7 @@ def off_path(values: Array, axes: int) -> tuple[NDArray[np.bool_], Array]:
     for t, k in np.argwhere(out):
         # those at a distance of two or more are not moved by this one
         beside = [far[i, k] for i in range(max(0, t - 4), min(len(far), t + 5)) if abs(i - t) >= 2]
-        out[t, k] = bool(np.nanmax(beside, initial=0.0) * BACK < far[t, k])
+        out[t, k] = max((one for one in beside if np.isfinite(one)), default=0.0) * BACK < far[t, k]
     return out, off
 
 
@@ -114,6 +114,7 @@ def exchanged_frames(values: Array, *, axes: int, first: int = 0) -> list[Findin
             return []
         spread = np.nanquantile(np.abs(off), 0.75, axis=0)
     scale = np.maximum(spread, rounding(values) + 1e-12 * np.nanmax(np.abs(values)))
+    scale = np.where(scale > 0, scale, 1.0)  # of what never moves: it is not rough
     scaled = values / scale
     rough, extent = _roughness(off / scale), _extent(values, axes)
     usual = float(np.nanquantile(rough, 0.75)) if np.isfinite(rough).any() else np.inf

@@ -313,6 +313,8 @@ def half_seen(values: Array, names: Sequence[str], frames: NDArray[np.int64]) ->
         names: The M markers.
         frames: (T,) frame numbers.
     """
+    if not len(names) or not len(values):
+        return ()
     empty = np.isnan(values).reshape(len(values), -1, *values.shape[-2:])
     half = np.logical_and(empty.any(axis=-1), ~np.logical_and.reduce(empty, axis=-1)).sum(axis=1)
     if not half.any():

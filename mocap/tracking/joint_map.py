@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from contourpy import contour_generator
 
-from eal.arrays import Z95, Array
+from eal.arrays import Z95, Array, short_repr
 from eal.plot import COLORS
 from eal.potential import EmpiricalPotential
 from eal.radius import value_deviation
@@ -43,6 +43,8 @@ class JointMap:
         share: (B,) part of the samples in it.
         never_deg: A direction in which the joint never was; NaN: none is free.
     """
+
+    __repr__ = short_repr
 
     name: str
     length_mm: float

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mocap.filters import one_camera, rigid, roughness, track
+from mocap.filters import one_camera, rigid, roughness
 from mocap.filters.anatomy import Anatomy, Limb
 from mocap.filters.bodies import rod, rod_masses
 from mocap.filters.bones import rigid_bones, size_factor
@@ -16,7 +16,9 @@ from mocap.filters.groups import groups_of
 from mocap.filters.joint_types import joints_of
 from mocap.filters.mixture import Mixture
 from mocap.filters.models import articulated, lagrangian, pose
+from mocap.filters.models.base import FittedMotion
 from mocap.filters.models.delayed_poses import Neighbours
+from mocap.filters.models.pose import FittedGroups, PoseSettings
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.observations import Sights
@@ -239,21 +241,17 @@ def test_groups_have_about_thirty_markers(markers, groups):
     assert len(groups_of(model)) == groups
 
 
-@pytest.mark.parametrize(("markers", "in_groups"), [(55, False), (65, True)])
-def test_sixty_markers_are_filtered_together(monkeypatch, markers, in_groups):
-    """More in groups. Together begins with the state of all."""
-    began = []
-    monkeypatch.setattr(track, "groups_of", lambda _model: None)
-    monkeypatch.setattr(track, "smooth_in_groups", lambda *_, **__: "groups")
+@pytest.mark.parametrize(("markers", "kind"), [(55, FittedMotion), (65, FittedGroups)])
+def test_sixty_markers_are_filtered_together(monkeypatch, markers, kind):
+    """More in groups."""
     model = object.__new__(PoseMotion)
     object.__setattr__(model, "subspace", SimpleNamespace(mean=np.zeros(3 * markers)))
-    object.__setattr__(model, "initial", lambda: began.append(1))
-    if in_groups:
-        assert track.smooth(model, None, np.zeros(1)) == "groups"
-    else:
-        with pytest.raises(AttributeError, match="cov"):
-            track.smooth(model, SimpleNamespace(n_frames=1), np.zeros(1))
-    assert bool(began) is not in_groups
+    monkeypatch.setattr(PoseSettings, "_learned", lambda *_: model)
+    monkeypatch.setattr(PoseSettings, "regressed", lambda *_: None)
+    monkeypatch.setattr("mocap.filters.models.pose.with_noise", lambda model, _noise: model)
+    monkeypatch.setattr("mocap.filters.models.pose.replace", lambda model, **_: model)
+    trials = SimpleNamespace(trials=[SimpleNamespace(t_s=np.zeros(1))], rigid=None)
+    assert type(PoseSettings(process_noise=1.0).fit(trials)) is kind
 
 
 @pytest.mark.parametrize(("learned", "counts"), [(30.0, 30.0), (np.inf, 36.0)])

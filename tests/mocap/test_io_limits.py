@@ -165,7 +165,7 @@ def test_a_calibration_is_no_longer_than_twenty_megabytes(tmp_path, monkeypatch,
     sparse(path, megabytes)
     monkeypatch.setattr(other_rigs, "decoded", lambda *_: ("<a/>", None))
     with refused(ok=ok, match="too long"):
-        other_rigs._root(path)
+        other_rigs.xml_root(path)
 
 
 @pytest.mark.parametrize(("off", "same"), [(0.8e-5, True), (1.2e-5, False)])

@@ -131,7 +131,7 @@ def test_a_model_is_learned_from_five_thousand_frames_of_a_recording():
     xyz = np.zeros((10_000, 1, 3))
     xyz[1:5000:2] = np.nan
     tracks = marker_tracks(("a",), np.arange(10_000) / 100, xyz)
-    found = learning._Shown.of(clean(of_points(tracks, Skeleton(markers=("a",)), name="long"))).trial.t_s
+    found = learning._Kept.of(clean(of_points(tracks, Skeleton(markers=("a",)), name="long"))).trial.t_s
     assert (found[0], len(found)) == (50.0, 5000)
 
 

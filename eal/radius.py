@@ -198,7 +198,7 @@ def effective_sample_size(samples: Array, kernel: Kernel, *, most: int = 2000) -
     squared = kernel.gram(z, z) ** 2
     norm2 = float(squared.mean())
     lags = np.array([np.mean(np.diagonal(squared, lag)) for lag in range(n // 2)]) - norm2
-    if lags[0] <= 0.0:
+    if not len(lags) or lags[0] <= 0.0:
         return 1.0
     total, lag = 0.0, 1
     while lag + 1 < len(lags) and lags[lag] + lags[lag + 1] > 0.0:

@@ -10,7 +10,6 @@ from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.lagrangian import LagrangianSettings
 from mocap.filters.models.named import ELSEWHERE, OURS
-from mocap.filters.models.one_camera import OneCameraSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.smooth_acceleration import SmoothSettings
 
@@ -32,7 +31,6 @@ MODELS: dict[str, type[TrajectoryModel]] = {
     "constant velocity": MarkerSettings,
     "lagrangian": LagrangianSettings,
     "lasting acceleration": LastingSettings,
-    "one camera": OneCameraSettings,
     "pose": PoseSettings,
     "smooth acceleration": SmoothSettings,
     **{name: type(one.settings) for name, one in ELSEWHERE.items()},

@@ -111,9 +111,6 @@ def _repeats(values: Array, camera: str | None, first: int = 0) -> list[Finding]
     step = np.where(finite.any(axis=1), np.nansum(length, axis=1) / np.maximum(finite.sum(axis=1), 1), np.nan)
     usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
     # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
-    # many markers that never stand still do not all do so by chance, however slowly they move there
-    known = max(np.count_nonzero(both[~repeats]), 1)
-    usual = 0.0 if max(alone, 1 / known) ** markers < 1e-9 else usual
     moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
     out = np.zeros(len(repeats), dtype=bool)

@@ -6,10 +6,8 @@ import pytest
 from benchmarks.silent import SLIPS, slips
 from mocap.audit.columns import column_findings
 from mocap.audit.frames import exchanged_frames, path_findings
-from mocap.audit.samples import point_findings
 from mocap.findings import Kind
 from mocap.io.registry import read
-from mocap.records import marker_tracks
 
 FRAMES, MARKERS = 160, 8
 NAMES = tuple(f"pt{m + 1}" for m in range(MARKERS))
@@ -126,16 +124,6 @@ def test_half_a_sample_is_told(tmp_path):
         texts = [f for f in read(path).findings if "and not the others" in f]
         assert len(texts) == told
         assert all("1 of 'snake:pt2' (from frame 107 on)" in text for text in texts)
-
-
-def test_a_doubled_line_where_all_move_slowly_is_told():
-    """Eight markers that never stand still do not all do so by chance."""
-    xyz = moving(3, size=0.1, noise=1e-5)
-    xyz = np.cumsum(np.linspace(0.1, 1, FRAMES)[:, None, None] * np.diff(xyz, axis=0, prepend=xyz[:1]), axis=0)
-    doubled = np.insert(xyz, 12, xyz[12], axis=0)
-    for values, told in ((xyz, False), (doubled, True)):
-        found = point_findings(marker_tracks(NAMES, np.arange(len(values)) / 100, values))
-        assert any(f.kind is Kind.REPEATED_FRAMES for f in found) == told
 
 
 def test_what_leaves_the_image_has_no_lost_sign():

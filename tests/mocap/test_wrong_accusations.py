@@ -235,7 +235,7 @@ def test_a_camera_that_hangs_upside_down_is_not_mirrored():
     assert camera_findings([replace(first, matrix=turned @ first.matrix), *others], y_up=False) == []
     mirror = np.array([[-1.0, 0, 1280], [0, 1, 0], [0, 0, 1]])
     (found,) = camera_findings([replace(first, matrix=mirror @ first.matrix), *others], y_up=False)
-    assert "right if it films in a mirror" in found.text
+    assert "right if one films in a mirror" in found.text
 
 
 def test_a_busy_computer_is_no_damaged_file(tmp_path, monkeypatch):

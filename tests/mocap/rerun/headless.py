@@ -18,6 +18,9 @@ from mocap.rerun.columns import FRAME
 from mocap.rerun.record import APPLICATION
 from mocap.rerun.viewer import HOST, free_ports, quiet_environment, viewer_program
 
+LONGEST_S = 240.0
+"""Nothing here takes longer, on a busy machine either."""
+
 
 class Headless:
     """A viewer process and its remote control; a context manager."""
@@ -82,19 +85,17 @@ class Headless:
         return picture
 
     def _set_frame(self, frame: int) -> None:
-        """Move the cursor, as soon as the file has arrived: on a busy machine whenever that is."""
-        while True:
+        """Move the cursor, as soon as the file has arrived; once more where a blueprint that came later took it back."""
+        end = time.monotonic() + LONGEST_S
+        while time.monotonic() < end:
             state = self.client.get_state()
             wanted = [r for r in state.recordings if r.store_id.endswith(f":{self.recording_id}")]
+            if wanted and wanted[0].current_time == frame + 1:
+                return
             if not state.loading and wanted and any(t.name == FRAME for t in wanted[0].timelines):
                 self.client.set_time(FRAME, sequence=frame + 1, play_state="paused")
-                break
-            time.sleep(0.02)
-        while True:
-            recordings = self.client.get_state().recordings
-            if any(r.store_id.endswith(f":{self.recording_id}") and r.current_time == frame + 1 for r in recordings):
-                return
-            time.sleep(0.02)
+            time.sleep(0.05)
+        raise RuntimeError(f"frame {frame} of {self.recording_id} was not shown within {LONGEST_S:.0f} s: {state}")
 
     def _still(self, view_id: str | None) -> NDArray[np.uint8]:
         """A picture that stays the same, after the messages of the start have faded and the view is there."""
@@ -111,13 +112,14 @@ class Headless:
         return np.asarray(Image.open(io.BytesIO(last)).convert("RGB"))
 
     def _connect(self, url: str) -> ViewerClient:
+        end = time.monotonic() + LONGEST_S
         while True:
             try:
                 client = ViewerClient.connect(url)
                 client.take_screenshot(max_size=32)
                 return client
             except Exception as error:  # it is still starting
-                if self.process.poll() is not None:
+                if self.process.poll() is not None or time.monotonic() > end:
                     raise RuntimeError("no headless viewer: apt-get install mesa-vulkan-drivers") from error
                 time.sleep(0.1)
 

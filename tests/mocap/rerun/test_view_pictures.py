@@ -23,6 +23,7 @@ from mocap.rerun.tabs.joints import heat_map_view, spectrum_view, surface_view, 
 from mocap.tracking.result import Result
 from tests.mocap.rerun.headless import Headless
 
+INK = True  # the pictures of the pages are of recordings that are written
 FRAME = 33
 SHIFT_PX = 12.0
 NEAR = 60.0  # of 441: shading darkens the rim of a ball and blends it with what is behind

@@ -85,7 +85,7 @@ class Headless:
         return picture
 
     def _set_frame(self, frame: int) -> None:
-        """Move the cursor, as soon as the file has arrived; once more where a blueprint that came later took it back."""
+        """Move the cursor as soon as the file has arrived; again where a blueprint that came later took it back."""
         end = time.monotonic() + LONGEST_S
         while time.monotonic() < end:
             state = self.client.get_state()

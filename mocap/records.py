@@ -3,16 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Z95, Array, frozen, increasing, short_repr, unique
 from eal.over_time import OverTime, Time
+from mocap.options import PixelCorner as PixelCorner
 
-PixelCorner = Literal["upper-left", "lower-left"]
-"""Of a picture, that rows of pixels are counted from."""
 BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 LEAST_LIKELIHOOD = 0.6
 """Clicks of a lower likelihood are not believed where no second camera tells what it is worth: DeepLabCut's cutoff."""

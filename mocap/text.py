@@ -81,8 +81,6 @@ def _escape(found: re.Match[str]) -> str:
 
 OTHER_OPTIONS = {
     "format": "--format",
-    "image_height_px": "--image-height",
-    "stored_points": "--stored",
     "overwrite": "--force",
     "no_solid": "--no-solid",
 }

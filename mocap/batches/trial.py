@@ -22,6 +22,7 @@ from mocap.io.crop import crops_beside
 from mocap.io.lines import not_split
 from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
+from mocap.options import ReadOptions, TrackOptions, options_of, stated
 from mocap.reading.reading import read
 from mocap.recording import Recording
 from mocap.results.files import RECORDING
@@ -63,21 +64,9 @@ def number(cell: str, *, decimal_comma: bool = False) -> float:
     return float(cell.replace(",", "."))
 
 
+_CELLS: dict[type, Callable[[str], Any]] = {float: number, bool: yes}
 STATED: dict[str, Callable[[str], Any]] = {
-    "fps": number,
-    "unit": str,
-    "calibration": Path,
-    "skeleton": Path,
-    "profile": Path,
-    "origin": str,
-    "calibration_origin": str,
-    "image_height_px": number,
-    "pixel_sd": number,
-    "crop": Path,
-    "edits": Path,
-    "edits_anyway": yes,
-    "correct_lag": yes,
-    "fit_lens": yes,
+    name: _CELLS.get(one.of, one.of) for name, one in options_of(ReadOptions).items() if one.of is not None
 }
 """What a manifest can state of a trial: arguments of ``mocap.read``, and the type of each."""
 MOST_NAMED = 4
@@ -293,20 +282,12 @@ Outcome = Literal["done", "failed", "skipped"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    """How every trial of a batch is tracked.
+class Options(TrackOptions):
+    """How every trial of a batch is tracked."""
 
-    Attributes:
-        model: ``auto``, ``mixture``, ``eal``, ``constant_velocity``, or the file of a learned model.
-        validate: Whether samples are hidden, to measure how they are filled.
-        seed: Which samples.
-        pictures: Whether figures, ``report.html`` and ``recording.rrd`` are written, too.
-    """
-
-    model: str | Path = "auto"
-    validate: bool = True
-    seed: int = 0
-    pictures: bool = False
+    pictures: bool = field(
+        default=False, metadata=stated(bool, "Write figures, report.html and recording.rrd of each trial, too.")
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

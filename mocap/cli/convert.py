@@ -12,7 +12,6 @@ from mocap.cli.options import (
     AsJson,
     Crop,
     FileOptions,
-    FitLens,
     Force,
     Fps,
     RecordingOptions,
@@ -83,7 +82,6 @@ def triangulate(
             help="Minimise the reprojection error, reject outlying cameras, and add _sd columns (standard deviations).",
         ),
     ] = False,
-    fit_lens: FitLens = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -93,7 +91,7 @@ def triangulate(
     from mocap.io.output import result_file
 
     # points of a frame each: no rate is needed
-    recording = mocap.read(tracks, **{**options.arguments(), "fps": options.fps or 1.0}, fit_lens=fit_lens)
+    recording = mocap.read(tracks, **{**options.arguments(), "fps": options.fps or 1.0})
     with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
         summary = triangulate_file(recording, file, refine=refine)
     findings = [str(finding) for finding in summary.findings]

@@ -7,19 +7,18 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import LimitS, RecordingOptions, UntilIdle, seconds, with_records
+from mocap.cli.options import LimitS, RecordingOptions, TrackingOptions, UntilIdle, seconds, with_records
 
 
 @with_records
 def desk(
     recording_options: RecordingOptions,
+    tracking: TrackingOptions,
     sources: Annotated[
         list[str] | None,
         typer.Argument(metavar="FOLDER", help="Folder with trials, as of mocap batch. Default: this folder."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of results and corrections.")] = Path("out/desk"),
-    model: Annotated[str, typer.Option(help="As of mocap batch.")] = "auto",
-    validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
     jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time.")] = 2,
     limit_s: LimitS = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
@@ -38,7 +37,7 @@ def desk(
     from mocap.desk.page import desk_page
     from mocap.web.server import forwarded, served
 
-    options = Options(model=checked_model(model), validate=validate)
+    options = Options(model=checked_model(tracking.model), validate=tracking.validate, seed=tracking.seed)
     with (
         opened_desk(
             sources or ["."],

@@ -35,7 +35,7 @@ def info(
     unit: Unit = None,
     origin: PixelOriginOption = None,
     calibration_origin: CalibrationOrigin = None,
-    image_height: ImageHeight = None,
+    image_height_px: ImageHeight = None,
     as_json: AsJson = False,
 ) -> None:
     """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
@@ -46,9 +46,9 @@ def info(
     from mocap.errors import MocapError, NoRateError
     from mocap.findings import listed
 
-    corners = PixelOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
+    corners = PixelOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height_px)
     hints = options.hints()
-    stated = {"origin": origin, "calibration_origin": calibration_origin, "image_height_px": image_height}
+    stated = {"origin": origin, "calibration_origin": calibration_origin, "image_height_px": image_height_px}
     if any(path.is_dir() for path in files):
         describe = of_folders()
         if describe is None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import program, say, show, show_text, typed
-from mocap.cli.options import AsJson, FitLens, Force, Jobs, RecordingOptions, Verbose, with_records
+from mocap.cli.options import Jobs, PrintOptions, RecordingOptions, with_records
 
 
 @with_records
@@ -16,6 +16,7 @@ def learn(
     trials: Annotated[list[Path], typer.Argument(help="Recordings in any supported format.")],
     out: Annotated[Path, typer.Option(help="Model to write (.npz).")],
     options: RecordingOptions,
+    printed: PrintOptions,
     seed: Annotated[
         int,
         typer.Option(min=0, help="Random seed of the gaps that are hidden to choose the model and set its intervals."),
@@ -28,11 +29,7 @@ def learn(
             "size; tracking takes 1.5 to 2.3 times as long. Needs bones in the skeleton.",
         ),
     ] = False,
-    fit_lens: FitLens = False,
     jobs: Jobs = None,
-    force: Force = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
 ) -> None:
     """Learn a motion model from several recordings that share cameras and skeleton, to track others with.
 
@@ -44,14 +41,14 @@ def learn(
     from mocap.io.output import result_file
     from mocap.reading.reading import of_session
 
-    recordings = list(of_session(partial(options.read, tracks, fit_lens=fit_lens) for tracks in trials))
+    recordings = list(of_session(partial(options.read, tracks) for tracks in trials))
     inputs = [path for recording in recordings for path in recording.inputs]
-    with result_file(out, replace=force, inputs=inputs, tell=say) as file:
+    with result_file(out, replace=printed.force, inputs=inputs, tell=say) as file:
         with mocap.processes(jobs):
             model = mocap.learn(recordings, joints=joints, seed=seed, progress=say)
         model.write(file)
-    if as_json:
+    if printed.as_json:
         print(json.dumps({"out": str(out), "scores": model.scores}))  # noqa: T201
         return
     show_text(f"Result: {out}\nUse it: {typed(*program(), 'track', 'FILE', '--model', out, '--out', 'FOLDER')}\n")
-    show(model.report_text if verbose else model.scores_text)
+    show(model.report_text if printed.verbose else model.scores_text)

@@ -13,13 +13,29 @@ import typer
 from typer.core import TyperArgument, TyperCommand
 
 from mocap.cli.offered import offered
+from mocap.options import PixelCorner, ReadOptions, TrackOptions, flags_of, options_of
 
 if TYPE_CHECKING:
     from mocap.io.format import Hints
     from mocap.recording import Recording
 
-PixelOrigin = Literal["upper-left", "lower-left"]
-"""Where pixel rows are counted from."""
+STATED = options_of(ReadOptions) | options_of(TrackOptions)
+"""What there is to say of the options that ``mocap.read`` and ``mocap.track`` have, too."""
+
+
+def shared(name: str, **more: Any) -> Any:
+    """The option of that name, of which the record of options says what it does and what it is called.
+
+    Args:
+        name: The field's.
+        **more: What concerns a terminal alone, as ``typer.Option`` takes it.
+    """
+    option = STATED[name]
+    text = option.help
+    if name == "validate":  # what is shown is what changes the default: --no-validate
+        return typer.Option(help=f"Do not {text[0].lower()}{text[1:]}", **more)
+    return typer.Option(*flags_of(name, option), help=text, **more)
+
 
 Tracks = Annotated[Path, typer.Argument(help="2D or 3D coordinates in any supported format.")]
 Views = Annotated[
@@ -29,35 +45,14 @@ Views = Annotated[
         "Qualisys' rigid bodies."
     ),
 ]
-Crop = Annotated[
-    list[Path] | None,
-    typer.Option(
-        help="Crop offsets of cropped videos: a folder, or one file per camera (repeat the option). "
-        "Default: those beside the tracks."
-    ),
-]
-Calibration = Annotated[
-    Path | None,
-    typer.Option("--calibration", "--dlt", help="DLT coefficients, calibration.toml, easyWand, ..."),
-]
-Profile = Annotated[
-    Path | None,
-    typer.Option(
-        help="Lens distortion: a camera profile (one line per camera: cam f W H cx cy AR k1 k2 p1 p2 k3), or a "
-        "Tforms.mat for all cameras."
-    ),
-]
-PixelOriginOption = Annotated[
-    PixelOrigin | None,
-    typer.Option("--origin", help="Image origin. Default: whichever gives the smaller reprojection error."),
-]
-CalibrationOrigin = Annotated[
-    PixelOrigin | None,
-    typer.Option("--calibration-origin", "--dlt-origin", help="Image origin of the calibration, if it differs."),
-]
-ImageHeight = Annotated[float | None, typer.Option(help="Image height, to flip rows where there is no profile.")]
-Fps = Annotated[float | None, typer.Option(help="Frames per second, if the files do not state it or state it wrongly.")]
-Unit = Annotated[str | None, typer.Option(help="Unit of length, if the files do not state it: m, mm, cm, in, ft.")]
+Crop = Annotated[list[Path] | None, shared("crop")]
+Calibration = Annotated[Path | None, shared("calibration")]
+Profile = Annotated[Path | None, shared("profile")]
+PixelOriginOption = Annotated[PixelCorner | None, shared("origin")]
+CalibrationOrigin = Annotated[PixelCorner | None, shared("calibration_origin")]
+ImageHeight = Annotated[float | None, shared("image_height_px")]
+Fps = Annotated[float | None, shared("fps")]
+Unit = Annotated[str | None, shared("unit")]
 FormatName = Annotated[
     str | None,
     typer.Option("--format", help="File format, if it is not recognised.", autocompletion=offered("read_formats")),
@@ -80,19 +75,17 @@ ZeroOption = Annotated[
     typer.Option("--zero", help="What samples at exactly (0, 0, 0) are. Default: judged by how the markers move."),
 ]
 Individual = Annotated[str | None, typer.Option(help="Of a file with several animals, the one to read.")]
-SkeletonFile = Annotated[
-    Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
-]
-Edits = Annotated[Path | None, typer.Option(help="Corrections made by hand (`mocap desk`).")]
-EditsAnyway = Annotated[
-    bool,
-    typer.Option("--edits-anyway", help="Replay corrections that were made on another recording, or changed files."),
-]
-PixelSd = Annotated[float | None, typer.Option(help="SD of a digitised coordinate. Default: estimated.")]
-FitLens = Annotated[
-    bool,
-    typer.Option("--fit-lens", help="Estimate radial lens distortion from the recording where no profile is given."),
-]
+SkeletonFile = Annotated[Path | None, shared("skeleton")]
+Edits = Annotated[Path | None, shared("edits")]
+EditsAnyway = Annotated[bool, shared("edits_anyway")]
+PixelSd = Annotated[float | None, shared("pixel_sd")]
+StoredPoints = Annotated[Path | None, shared("stored_points")]
+CorrectLag = Annotated[bool, shared("correct_lag")]
+FitLens = Annotated[bool, shared("fit_lens")]
+MmPerPx = Annotated[float | None, shared("mm_per_px")]
+ModelName = Annotated[str, shared("model", autocompletion=offered("models"))]
+Validate = Annotated[bool, shared("validate")]
+Seed = Annotated[int, shared("seed", min=0)]
 Force = Annotated[bool, typer.Option("--force", help="Replace an earlier result.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Print the whole report.")]
@@ -142,17 +135,18 @@ PANELS = {
         "individual": "NAME",
         "origin": "CORNER",
         "calibration_origin": "CORNER",
-        "image_height": "PIXELS",
+        "image_height_px": "PIXELS",
         "crop": "FILE",
         "pixel_sd": "PIXELS",
         "edits": "FILE",
         "edits_anyway": "",
-        "stored": "FILE",
+        "stored_points": "FILE",
         "correct_lag": "",
         "mm_per_px": "MM",
         "video_offset": "FRAMES",
         "video_undistorted": "",
         "validate": "",
+        "seed": "N",
         "blocks": "FRAMES",
         "jobs": "N",
         "limit_s": "SECONDS",
@@ -250,19 +244,15 @@ class CameraOptions(FileOptions):
     profile: Profile = None
     origin: PixelOriginOption = None
     calibration_origin: CalibrationOrigin = None
-    image_height: ImageHeight = None
+    image_height_px: ImageHeight = None
     crop: Crop = None
 
     def arguments(self) -> dict[str, Any]:
-        """As ``mocap.read`` takes it."""
-        return {
-            "calibration": self.calibration,
-            "profile": self.profile,
-            "origin": self.origin,
-            "calibration_origin": self.calibration_origin,
-            "image_height_px": self.image_height,
-            "crop": self.crop,
-            "hints": self.hints(),
+        """As ``mocap.read`` takes it: what is stated, by the names of ``ReadOptions``."""
+        own = {one.name for one in dataclasses.fields(self)}
+        given = {name: getattr(self, name) for name in options_of(ReadOptions) if name in own}
+        return {name: value for name, value in given.items() if value is not None and value is not False} | {
+            "hints": self.hints()
         }
 
 
@@ -276,18 +266,34 @@ class RecordingOptions(CameraOptions):
     pixel_sd: PixelSd = None
     edits: Edits = None
     edits_anyway: EditsAnyway = False
-
-    def arguments(self) -> dict[str, Any]:
-        """As ``mocap.read`` takes it."""
-        own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
-        own |= {"edits": self.edits, **({"edits_anyway": True} if self.edits_anyway else {})}
-        return super().arguments() | own
+    stored_points: StoredPoints = None
+    correct_lag: CorrectLag = False
+    fit_lens: FitLens = False
+    mm_per_px: MmPerPx = None
 
     def read(self, tracks: Path | list[Path], **more: Any) -> "Recording":
         """The recording in a file, with what is stated about it."""
         import mocap
 
-        return mocap.read(tracks, **self.arguments(), **more)
+        return mocap.read(tracks, **{**self.arguments(), **more})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingOptions:
+    """How recordings are tracked."""
+
+    model: ModelName = "auto"
+    validate: Validate = True
+    seed: Seed = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintOptions:
+    """What is replaced, and what is printed."""
+
+    force: Force = False
+    as_json: AsJson = False
+    verbose: Verbose = False
 
 
 def with_records(command: Callable[..., None]) -> Callable[..., None]:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import progress, say, typed
-from mocap.cli.offered import offered
-from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views, with_records
+from mocap.cli.options import Jobs, Out, PrintOptions, RecordingOptions, TrackingOptions, Views, with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
 
@@ -44,24 +43,8 @@ def track(
     out: Out,
     recording_options: RecordingOptions,
     movies: VideoOptions,
-    stored: Annotated[
-        Path | None, typer.Option(help="Stored 3D points to check. Default: xyzpts beside xypts.")
-    ] = None,
-    correct_lag: Annotated[
-        bool,
-        typer.Option("--correct-lag", "--in-step", help="Interpolate cameras that are found not to be synchronised."),
-    ] = False,
-    model: Annotated[
-        str,
-        typer.Option(
-            help="A file of mocap learn, or eal, mixture, articulated, lagrangian, smooth_acceleration, "
-            "constant_velocity; auto: mixture, unless constant velocity fills hidden points better; of one to three "
-            "markers smooth_acceleration.",
-            autocompletion=offered("models"),
-        ),
-    ] = "auto",
-    validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
-    fit_lens: FitLens = False,
+    tracking: TrackingOptions,
+    printed: PrintOptions,
     blocks: Annotated[
         int | None,
         typer.Option(
@@ -69,13 +52,7 @@ def track(
             min=0,
         ),
     ] = None,
-    mm_per_px: Annotated[
-        float | None, typer.Option(help="Scale of a single camera without calibration. Default: positions are pixels.")
-    ] = None,
     jobs: Jobs = None,
-    force: Force = False,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
 ) -> None:
     """Track a recording: clean it, fill its gaps, smooth it, each value with a 95 % interval; tables, figures, viewer.
 
@@ -86,10 +63,10 @@ def track(
     from mocap.io.output import result_folder
     from mocap.tracking.track_part import MODELS, existing_model
 
+    model, force = tracking.model, printed.force
+    how = {"validate": tracking.validate, "seed": tracking.seed}
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
-    recording = on_disk(tracks, recording_options, blocks) or recording_options.read(
-        tracks, stored_points=stored, correct_lag=correct_lag, fit_lens=fit_lens, mm_per_px=mm_per_px
-    )
+    recording = on_disk(tracks, recording_options, blocks) or recording_options.read(tracks)
     opened = []
     if movies.video:
         from mocap.io.movies import open_movies
@@ -118,12 +95,12 @@ def track(
                 model=model,
                 learned=record,
                 size=size,
-                validate=validate,
                 footer=footer,
                 progress=tell,
+                **how,
             )
         else:
-            result = mocap.track(recording, model=learned or model, validate=validate, progress=tell)
+            result = mocap.track(recording, model=learned or model, progress=tell, **how)
             result = result.with_report(footer)
             if opened:
                 result = result.with_video(
@@ -133,7 +110,7 @@ def track(
     limbs = result.skeleton.joints or result.skeleton.measures.cyclic
     cycles = limbs and not size and (out / "cycles.csv").exists()
     also = result.why_no_cycles if cycles else []
-    finish(result.report, result.report_text, out, as_json=as_json, verbose=verbose, also=also)
+    finish(result.report, result.report_text, out, as_json=printed.as_json, verbose=printed.verbose, also=also)
 
 
 def block_size(recording: "Recording", requested: int | None) -> int:

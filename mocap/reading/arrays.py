@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,19 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eal.arrays import Array, unique
-from mocap.calls import check_stated
+from mocap.calls import check_stated, taking
 from mocap.cameras.camera import Camera, dlt_camera, scaled
-from mocap.cameras.origin import PixelOptions
 from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.lines import even_times, metres
 from mocap.io.movement import of_dataset
 from mocap.io.plausible import MOST_LIKELY, plausible
+from mocap.options import FilmedOptions, stated
 from mocap.reading.ideal_pixels import with_ideal_pixels
-from mocap.reading.reading import animal, calibration_of, check_rig, complete, dataset_of
+from mocap.reading.reading import animal, calibration_of, check_rig, complete, corners, dataset_of
 from mocap.recording import Recording, Source
-from mocap.records import PixelCorner
 from mocap.skeleton import Skeleton
 from mocap.text import unfit
 
@@ -64,41 +63,31 @@ def from_arrays(
     return _recording(contents, (), (), name=name, fps=fps, unit=unit, skeleton=skeleton)
 
 
-def from_pixels(
-    uv: Any,
-    cameras: Sequence[Camera] | ArrayLike | str | PathLike[str],
-    *,
-    names: Sequence[str] | None = None,
-    fps: float | None = None,
-    unit: str | None = None,
-    skeleton: Skeleton | str | PathLike[str] | None = None,
-    likelihood: ArrayLike | None = None,
-    name: str = "recording",
-    origin: PixelCorner | None = None,
-    calibration_origin: PixelCorner | None = None,
-    image_height_px: float | None = None,
-    pixel_sd: float | None = None,
-    correct_lag: bool = False,
-    fit_lens: bool = False,
-) -> Recording:
+@dataclass(frozen=True, kw_only=True)
+class ArrayOptions(FilmedOptions):
+    """What is stated of pixels in memory."""
+
+    names: Sequence[str] | None = field(
+        default=None, metadata=stated(None, "The M markers; None: as the Dataset names them, else pt1, pt2, ...")
+    )
+    likelihood: ArrayLike | None = field(
+        default=None,
+        metadata=stated(
+            None, "(C, T, M) likelihoods of the pixels, between 0 and 1; None: as the Dataset says, else none."
+        ),
+    )
+    name: str = field(default="recording", metadata=stated(None, "Of the recording."))
+
+
+@taking(ArrayOptions)
+def from_pixels(uv: Any, cameras: Any, options: ArrayOptions) -> Recording:
     """A recording of pixels that are in memory, with the calibration of their cameras.
 
     Args:
         uv: (C, T, M, 2) pixels, NaN where not seen; or an xarray Dataset as movement lays out views (``view``).
         cameras: (C, 11) DLT coefficients L1..L11 or (C, 3, 4) projections, a camera each; or a calibration file of any
             format; or ``Camera`` objects.
-        names: The M markers; None: as the Dataset names them, else pt1, pt2, ...
-        fps: Frames a second; None: as the Dataset says.
-        unit: Unit of the calibration's lengths; None: as its file says, else the animal's length chooses it.
-        skeleton: As in ``from_arrays``.
-        likelihood: (C, T, M) likelihoods of the pixels, between 0 and 1; None: as the Dataset says, else none.
-        name: Of the recording.
-        origin: As in ``mocap.read``, as are those that follow.
-        calibration_origin: See there.
-        image_height_px: See there.
-        pixel_sd: See there.
-        correct_lag: See there.
-        fit_lens: See there.
+        options: What is stated.
 
     Raises:
         FormatError: it is no such array or Dataset, or a name or unit does not fit.
@@ -106,27 +95,21 @@ def from_pixels(
         SkeletonError: the skeleton names markers that the recording lacks.
         MocapError: the frame rate is not stated, or no camera has it.
     """
-    contents = _contents(uv, "uv", name, names, fps)
+    name, skeleton = options.name, options.skeleton
+    contents = _contents(uv, "uv", name, options.names, options.fps)
     if contents.pixels is None:
         raise FormatError("`uv` contains positions (x, y, z), expected pixels (space x, y): use mocap.from_arrays")
-    if likelihood is not None:
-        score = _numbers(likelihood, "likelihood", contents.seen.shape, "cameras, frames, markers")
+    if options.likelihood is not None:
+        score = _numbers(options.likelihood, "likelihood", contents.seen.shape, "cameras, frames, markers")
         contents = replace(contents, score=score)
-    rig, own_unit, readings = _cameras(cameras, unit)
+    rig, own_unit, readings = _cameras(cameras, options.unit)
     check_rig(contents, rig, name, "`cameras`")
     if own_unit is not None:
         contents = replace(contents, unit=own_unit)
-    options = PixelOptions(
-        origin=origin,
-        calibration_origin=calibration_origin,
-        image_height_px=image_height_px,
-        usual=contents.pixel_origin,
-        correct_lag=correct_lag,
-        fit_lens=fit_lens,
-    )
-    found = _recording(contents, rig, readings, name=name, fps=fps, unit=None, skeleton=skeleton)
-    check_stated("pixel_sd", pixel_sd)
-    return with_ideal_pixels(replace(found, source=replace(found.source, pixel_sd=pixel_sd)), options)
+    pixels = replace(corners(options), usual=contents.pixel_origin)
+    found = _recording(contents, rig, readings, name=name, fps=options.fps, unit=None, skeleton=skeleton)
+    check_stated("pixel_sd", options.pixel_sd)
+    return with_ideal_pixels(replace(found, source=replace(found.source, pixel_sd=options.pixel_sd)), pixels)
 
 
 def _recording(

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from inspect import signature
 from os import PathLike
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from eal.arrays import unique
-from mocap.calls import check_rate, check_stated
+from mocap.calls import check_rate, check_stated, taking
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.cameras.origin import OriginError, PixelOptions
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
@@ -27,6 +26,7 @@ from mocap.io.registry import read as read_file
 from mocap.io.rigid import with_bodies
 from mocap.io.together import joined, point_names
 from mocap.io.unstated_unit import in_metres
+from mocap.options import FilmedOptions, PathText, ReadOptions, flags_of, options_of
 from mocap.reading.decided import Decided, decided
 from mocap.reading.edits import read_log
 from mocap.reading.ideal_pixels import with_ideal_pixels
@@ -35,32 +35,11 @@ from mocap.recording import Recording, Source, dataset
 from mocap.records import PixelCorner
 from mocap.skeleton import Skeleton
 from mocap.skeleton_files import is_model, read_skeleton
-from mocap.text import OTHER_OPTIONS, as_text, with_options
-
-PathText = str | PathLike[str]
+from mocap.text import as_text, with_options
 
 
-def read(
-    tracks: PathText | Sequence[PathText],
-    *,
-    calibration: PathText | None = None,
-    fps: float | None = None,
-    unit: str | None = None,
-    skeleton: PathText | Skeleton | None = None,
-    profile: PathText | None = None,
-    origin: PixelCorner | None = None,
-    calibration_origin: PixelCorner | None = None,
-    image_height_px: float | None = None,
-    pixel_sd: float | None = None,
-    stored_points: PathText | None = None,
-    correct_lag: bool = False,
-    crop: PathText | Sequence[PathText] | None = None,
-    hints: Hints | None = None,
-    mm_per_px: float | None = None,
-    fit_lens: bool = False,
-    edits: PathText | None = None,
-    edits_anyway: bool = False,
-) -> Recording:
+@taking(ReadOptions)
+def read(tracks: PathText | Sequence[PathText], options: ReadOptions) -> Recording:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
 
     The same options as ``mocap track`` takes. All files are read now; the result shows as a table in a notebook, and
@@ -69,30 +48,7 @@ def read(
     Args:
         tracks: Pixels or positions; a project of DLTdv8 holds its calibration too. Several files: the views of one
             trial, a camera each, or positions with XMALab's (or QTM's) rigid bodies and coordinate systems in them.
-        calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
-        fps: Frames a second, where the files do not hold it (or hold another).
-        unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
-        skeleton: Skeleton TOML (markers, bones, joints), or a ``mocap.Skeleton``; a list of names (.txt, .csv), one a
-            marker of the file in its order, names the markers.
-        profile: Camera profile, a line a camera.
-        origin: Corner that pixel rows are counted from; None: found by the residual.
-        calibration_origin: The same for the calibration, if it differs.
-        image_height_px: Image height, to flip rows without a profile.
-        pixel_sd: Standard deviation of a pixel; None: estimated.
-        stored_points: xyzpts file to audit; None: the one beside ``tracks``.
-        correct_lag: Read cameras that run late, by the audit, between their frames.
-        crop: Crop offsets of cropped videos, to be added to the pixels: a folder, or a file a camera in their order
-            (MATLAB files with ``XYtop_left``, a row a frame; DeepLabCut's config.yaml or meta file; tables x,y). None:
-            those beside the tracks with names that match, if rays then meet better.
-        hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
-            number of cameras of a sparse pixel file, the sheet of a workbook, what samples at exactly zero are, which
-            of several animals is meant.
-        mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions stay pixels, but where
-            the titles of a table or ``unit`` state that its two columns a point are lengths in a plane.
-        fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
-            determined.
-        edits: A log of corrections made by hand (``edits.jsonl`` of mocap desk), replayed on what was read.
-        edits_anyway: Replay them also where they were made on another recording, or it has changed since.
+        options: What is stated.
 
     Raises:
         FormatError: a file cannot be read, an edit names what is not in it, or edits are of another recording.
@@ -100,26 +56,65 @@ def read(
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
     """
-    for name, number in {"fps": fps, "pixel_sd": pixel_sd, "mm_per_px": mm_per_px}.items():
-        check_stated(name, number)
-    options = PixelOptions(
-        origin=origin,
-        calibration_origin=calibration_origin,
-        image_height_px=image_height_px,
-        correct_lag=correct_lag,
-        fit_lens=fit_lens,
-    )
-    files, crops = _paths("tracks", tracks), _paths("crop", crop)
+    for name in ("fps", "pixel_sd", "mm_per_px"):
+        check_stated(name, getattr(options, name))
+    pixels = corners(options)
+    files, crops = _paths("tracks", tracks), _paths("crop", options.crop)
     if not files:
         raise MocapError(f"`tracks` is {tracks!r}, expected a file, or several")
-    beside = {"calibration": calibration, "profile": profile, "stored_points": stored_points, "edits": edits}
-    rig, lenses, points, log = (None if path is None else _path(what, path) for what, path in beside.items())
-    cameras_of = {"profile": profile, "origin": origin, "calibration_origin": calibration_origin}
-    for name, value in cameras_of.items():
-        if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
+    beside = ("calibration", "profile", "stored_points", "edits")
+    given = ((name, getattr(options, name)) for name in beside)
+    rig, lenses, points, log = (None if path is None else _path(name, path) for name, path in given)
+    for name in ("profile", "origin", "calibration_origin"):
+        if getattr(options, name) is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
-    hints = replace(hints or Hints(), fps=fps)
-    contents, how = complete(_whole(files, rig, hints), where=files[0].name, fps=fps, unit=unit)
+    contents, how = _tracks(files, rig, options)
+    skeleton, names = animal(options.skeleton, contents.names, bodies=contents.bodies)
+    contents, cameras, notes = _with_cameras(contents.renamed(names), files[0], rig, lenses, options.unit)
+    if how.unit is None and contents.unit is not None:
+        how = replace(how, unit=contents.unit, unit_from="file")
+    contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, options.origin)
+    animal_file = None if isinstance(options.skeleton, Skeleton | None) else Path(options.skeleton)
+    named = (*files, rig, lenses, points, log, animal_file, *(path for path in crops if path.is_file()))
+    found = Recording(
+        name=recording_name(files[0]),
+        data=dataset_of(contents),
+        skeleton=skeleton,
+        cameras=cameras,
+        source=Source(
+            file=files[0],
+            inputs=tuple(path for path in named if path is not None),
+            calibration=None if rig is None else rig.name,
+            unit=options.unit,
+            pixel_sd=options.pixel_sd,
+            mm_per_px=contents.plane_mm if rig is None and options.mm_per_px is None else options.mm_per_px,
+            unusual=contents.remarks,
+            bodies=contents.bodies,
+        ),
+    ).with_part(replace(how, of_pixels=(*notes, *further), beside=_stored(contents, cameras, files[0], points)))
+    found = found if log is None else read_log(log).replayed(found, anyway=options.edits_anyway)
+    return with_ideal_pixels(found, replace(pixels, usual=contents.pixel_origin))
+
+
+def corners(options: FilmedOptions) -> PixelOptions:
+    """What is stated of pixels alone."""
+    return PixelOptions(
+        origin=options.origin,
+        calibration_origin=options.calibration_origin,
+        image_height_px=options.image_height_px,
+        correct_lag=options.correct_lag,
+        fit_lens=options.fit_lens,
+    )
+
+
+def _tracks(files: Sequence[Path], rig: Path | None, options: ReadOptions) -> tuple[FileContents, Decided]:
+    """What the files of the tracks hold, of the animal that is meant, and what was decided for that.
+
+    Raises:
+        FormatError: they hold no markers, or are a calibration.
+    """
+    hints = replace(options.hints or Hints(), fps=options.fps)
+    contents, how = complete(_whole(files, rig, hints), where=files[0].name, fps=options.fps, unit=options.unit)
     contents = contents.of_animal(hints.individual)
     if not contents.names and rig is not None and contents.cameras and read_file(rig, hints).names:
         raise FormatError(
@@ -128,36 +123,10 @@ def read(
     if not contents.names:
         why = "; ".join((*contents.findings, "give a file of pixels or positions"))
         raise FormatError(f"{files[0].name}: contains no markers ({contents.format}): {why}")
-    if rig is None and mm_per_px is None:
-        mm_per_px = contents.plane_mm
-    animal_skeleton, names = animal(skeleton, contents.names, bodies=contents.bodies)
-    contents, cameras, notes = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
-    if how.unit is None and contents.unit is not None:
-        how = replace(how, unit=contents.unit, unit_from="file")
-    contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
-    named = (*files, rig, lenses, points, log, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
-    found = Recording(
-        name=recording_name(files[0]),
-        data=dataset_of(contents),
-        skeleton=animal_skeleton,
-        cameras=cameras,
-        source=Source(
-            file=files[0],
-            inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
-            calibration=None if rig is None else rig.name,
-            unit=unit,
-            pixel_sd=pixel_sd,
-            mm_per_px=mm_per_px,
-            unusual=contents.remarks,
-            bodies=contents.bodies,
-        ),
-    ).with_part(replace(how, of_pixels=(*notes, *further), beside=_stored(contents, cameras, files[0], points)))
-    found = found if log is None else read_log(log).replayed(found, anyway=edits_anyway)
-    return with_ideal_pixels(found, replace(options, usual=contents.pixel_origin))
+    return contents, how
 
 
-OPTIONS = {name: OTHER_OPTIONS.get(name, "--" + name.replace("_", "-")) for name in {**signature(read).parameters}}
-del OPTIONS["tracks"], OPTIONS["hints"]
+OPTIONS = {name: flags_of(name, one)[0] for name, one in options_of(ReadOptions).items() if one.of is not None}
 OPTIONS |= {one.name: f"--{one.name}" for one in fields(Hints)}
 """The options of the command line that are the arguments of ``read``, and what hints state."""
 

@@ -24,7 +24,7 @@ VERBS = [name for name in mocap.__all__ if inspect.isfunction(getattr(mocap, nam
         (lambda: mocap.read("a.csv", skelton="b.toml"), "did you mean `skeleton`?"),
         (lambda: mocap.read(), "'tracks'"),
         (lambda: mocap.from_arrays(XYZ, rate=3), "expected mocap.from_arrays(xyz, names=, fps="),
-        (lambda: mocap.read("a.csv", "b.csv"), "expected mocap.read(tracks, calibration=, fps="),
+        (lambda: mocap.read("a.csv", "b.csv"), "expected mocap.read(tracks, fps=, unit="),
     ],
 )
 def test_an_argument_of_another_function_is_told_where_it_belongs(call, told):

@@ -156,9 +156,31 @@ def _middle(values: Sequence[float], same: float) -> float:
     return middle if _most(near, len(values)) else float("nan")
 
 
+SAME_AS: Mapping[str, tuple[Kind, ...]] = {
+    "frame rate": (Kind.FRAME_RATE,),
+    "handedness": (Kind.MIRRORED_WORLD,),
+    "lag of cameras": (Kind.CAMERA_OFFSETS,),
+    "reprojection error": (
+        Kind.SHIFTED_PIXELS,
+        Kind.MIRRORED_PIXELS,
+        Kind.CAMERA_OFFSETS,
+        Kind.FOREIGN_CAMERA,
+        Kind.FOREIGN_CALIBRATION,
+        Kind.LARGE_RESIDUAL,
+    ),
+}
+"""What a trial's own files tell of the same fault."""
+
+
 def _odd(kind: str, text: str, *, alarm: bool, mends: tuple[str, ...] = (), **numbers: float) -> Finding:
-    numbers = {name: value for name, value in numbers.items() if isfinite(value)}
-    return Finding(kind=Kind.UNLIKE_SIBLINGS, text=f"{kind}: {text}", alarm=alarm, numbers=numbers, mends=mends)
+    return Finding(
+        kind=Kind.UNLIKE_SIBLINGS,
+        text=f"{kind}: {text}",
+        alarm=alarm,
+        numbers={name: value for name, value in numbers.items() if isfinite(value)},
+        mends=mends,
+        same_as=SAME_AS.get(kind, ()),
+    )
 
 
 def _rate(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:

@@ -13,7 +13,7 @@ from mocap.audit.geometry import handedness, jitter_px
 from mocap.audit.offsets import estimate_offsets
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.findings import Finding
+from mocap.findings import Finding, worst_first
 from mocap.json_records import plain, record
 from mocap.reading.decided import decided
 from mocap.recording import Recording
@@ -52,6 +52,12 @@ class Siblings:
     def of_file(cls, entries: Any, folder: Path, where: str) -> Self:  # noqa: ARG003
         """Read back."""
         return record(cls, entries, where)
+
+
+def own_findings(recording: Recording) -> tuple[Finding, ...]:
+    """What is found in a recording's own files, without what other trials tell of it."""
+    parts = (part for part in recording.parts.values() if not isinstance(part, Siblings))
+    return tuple(worst_first(finding for part in parts for finding in part.findings()))
 
 
 FRAMES = 200

@@ -117,7 +117,8 @@ def compared(trials: Sequence[TrialFacts]) -> dict[str, list[Finding]]:
     """What is odd of each trial beside the others of its session, by its name; worst first.
 
     A value is odd where more than half of all trials have another one together. Of two trials that differ both say so.
-    What was stated for one trial alone is not held against it.
+    What was stated for one trial alone is not held against it, nor what trials have that are of other things
+    (``_of_one_kind``).
     """
     found: dict[str, list[Finding]] = {one.name: [] for one in trials}
     for session in dict.fromkeys(one.session for one in trials):
@@ -125,9 +126,17 @@ def compared(trials: Sequence[TrialFacts]) -> dict[str, list[Finding]]:
         if len(some) > 1:
             for one in some:
                 others = [other for other in some if other is not one]
-                checks = (_rate, _hand, _size, _cameras, _residual, _noise, _seen, _markers)
-                found[one.name] += [finding for check in checks for finding in check(one, others)]
+                alike = [other for other in others if _of_one_kind(one, other)]
+                checks = (_rate, _hand, _size, _cameras, _residual, _noise, _seen) if alike else ()
+                found[one.name] += [finding for check in checks for finding in check(one, alike)]
+                found[one.name] += _markers(one, others)
     return found
+
+
+def _of_one_kind(one: TrialFacts, other: TrialFacts) -> bool:
+    """Whether two trials may be of one rig or kind of animal: a marker, their number, or cameras in common."""
+    a, b = set(one.markers), set(other.markers)
+    return bool(a & b) or len(a) == len(b) or bool(set(one.cameras) & set(other.cameras))
 
 
 def _siblings(others: Sequence[Any]) -> str:
@@ -313,6 +322,8 @@ def _markers(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
         return []
     if not own & usual:
         text = f"{', '.join(sorted(own)[:6])}, {_siblings(others)} {', '.join(sorted(usual)[:6])}"
+        if len(own) != len(usual):
+            return [_odd("markers", f"{text}: other markers, or of another animal", alarm=False)]
         return [_odd("markers", f"{text}: give them the same names, by [aliases] of a skeleton", alarm=True)]
     lacks, more = sorted(usual - own), sorted(own - set(have))
     found = [f"lacks {', '.join(lacks[:8])}{', ...' if len(lacks) > 8 else ''}"] if lacks else []

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 from typing import Any, Literal
@@ -168,15 +169,14 @@ def _look(path: Path, hints: Hints) -> Look:
         return Look(role="none", format=name)
     if name not in TRACKS:
         return _by_content(path, name, hints)
-    pixels = name in PIXELS or (name in SPARSE and "xypts" in path.name.lower())
-    return Look(role="tracks", format=name, pixels=pixels, one=pixels and _is_of_one_camera(path, hints))
-
-
-def _is_of_one_camera(path: Path, hints: Hints) -> bool:
+    pixels = name in (*PIXELS, "dltdv-project") or (name in SPARSE and "xypts" in path.name.lower())
+    if not pixels:
+        return Look(role="tracks", format=name)
     try:
-        return len(read(path, hints).camera_names) == 1
-    except MocapError:
-        return False  # which tracking tells
+        found = read(path, hints)
+    except MocapError:  # which tracking tells
+        return Look(role="tracks", format=name, pixels=name != "dltdv-project")
+    return Look(role="tracks", format=name, pixels=not found.cameras, one=len(found.camera_names) == 1)
 
 
 def _by_content(path: Path, name: str, hints: Hints) -> Look:
@@ -232,6 +232,11 @@ _WHEN_OR_HOW = (
 """Words before a number that number something else than animals."""
 _ANIMAL = re.compile(rf"(?!({_WHEN_OR_HOW})[-_ ]?[0-9])[a-z]+[-_ ]?[0-9]{{1,3}}[a-z]?", re.IGNORECASE)
 """Another word and a number, as ``bat07``; four digits are a year or a time."""
+_TAG = re.compile(r"[0-9]{2,}[a-z]{1,2}[0-9]+", re.IGNORECASE)
+"""What rings and transponders are numbered by, as ``078A3``."""
+_MONTH = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
+_TIME = re.compile(rf"({_WHEN_OR_HOW})s?[-_ ]?[0-9]*|[-_. 0-9]*(({_MONTH})[a-z]*)?[-_. 0-9]+", re.IGNORECASE)
+"""Folders of a day, a session or the like: an animal may be in several of them."""
 
 
 def find_trials(
@@ -360,10 +365,19 @@ def _of_files(looked: "_Looked", files: Sequence[Path]) -> list[Trial]:
 def _with_animals(trials: Sequence[Trial], folders: Sequence[Sequence[str]]) -> list[Trial]:
     """The trials with the animal that their folders tell.
 
-    That is the uppermost folder called by a word and a number (``bat07``), but for words that number days, trials and
-    the like, if such folders of one name hold several trials somewhere: else they are the trials' own.
+    That is the uppermost folder called by a word and a number (``bat07``) or as a ring (``078A3``), but for words that
+    number days, trials and the like, if such folders of one name hold several trials somewhere: else they are the
+    trials' own. A name below several others that are no days (``F2`` of ``078A3`` and of ``FE404``) numbers trials.
     """
-    animals = [next(filter(_ANIMAL.fullmatch, names), "") for names in folders]
+    above: dict[str, set[str]] = defaultdict(set)
+    for names in folders:
+        for over, name in pairwise(names):
+            above[name.casefold()] |= set() if _TIME.fullmatch(over) else {over.casefold()}
+
+    def of(name: str) -> bool:
+        return bool(_ANIMAL.fullmatch(name) or _TAG.fullmatch(name)) and len(above[name.casefold()]) < 2
+
+    animals = [next(filter(of, names), "") for names in folders]
     if max(Counter(name.casefold() for name in animals if name).values(), default=0) < 2:
         return list(trials)
     return [replace(trial, animal=name) for trial, name in zip(trials, animals, strict=True)]

@@ -118,6 +118,13 @@ def test_a_trial_that_lacks_a_wing_says_which_markers():
     assert "lacks e, f" in one.text
 
 
+def test_recordings_of_other_things_in_one_folder_are_not_held_against_each_other():
+    """No marker, camera or number of markers in common: what differs is noted, and no rate or size is wrong."""
+    (one,) = compared(season(markers=tuple("uvw"), cameras=(), fps=120.0, lengths_m={"u|v": 40.0}))["odd"]
+    assert not one.alarm
+    assert "of another animal" in one.text
+
+
 def test_facts_are_the_same_after_a_file():
     """As a batch keeps them."""
     one = facts("t1", stated=("fps",))

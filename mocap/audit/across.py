@@ -46,6 +46,7 @@ class TrialFacts:
         unit: Unit of lengths, as read.
         mirrored: Whether its world is left-handed; None: it cannot be told.
         lengths_m: Median distance between two markers, by ``a|b`` in the order of their names.
+        long_m: Median over frames of the greatest distance between two markers, m; NaN: not known.
         step: Median way of a marker from frame to frame, over the median of ``lengths_m``.
         residual_px: Median reprojection error; NaN without cameras.
         camera_px: The same of each camera.
@@ -65,6 +66,7 @@ class TrialFacts:
     unit: str = ""
     mirrored: bool | None = None
     lengths_m: Mapping[str, float] = field(default_factory=dict)
+    long_m: float = float("nan")
     step: float = float("nan")
     residual_px: float = float("nan")
     camera_px: tuple[float, ...] = ()
@@ -127,7 +129,7 @@ def compared(trials: Sequence[TrialFacts]) -> dict[str, list[Finding]]:
             for one in some:
                 others = [other for other in some if other is not one]
                 alike = [other for other in others if _of_one_kind(one, other)]
-                checks = (_rate, _hand, _size, _cameras, _residual, _noise, _seen) if alike else ()
+                checks = (_rate, _hand, _size, _long, _cameras, _residual, _noise, _seen) if alike else ()
                 found[one.name] += [finding for check in checks for finding in check(one, alike)]
                 found[one.name] += _markers(one, others)
     return found
@@ -251,6 +253,22 @@ def _size(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
     why = "its calibration or its unit is another one" if named else "another animal, calibration or unit"
     text = f"{ends.rstrip()}: {why}: state `animal`, `unit` or `calibration`"
     return [_odd("size", text, alarm=bool(named) or factor > 5.0, mends=("unit", "calibration"), ratio=ratio)]
+
+
+def _long(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
+    """A length of the whole animal that the others do not have, though distances of the same markers agree."""
+    theirs = _middle([other.long_m for other in others], SAME_ANIMAL)
+    ratio = _middle([scale(one, other) for other in others], SAME_ANIMAL)
+    if not (isfinite(theirs) and isfinite(one.long_m) and isfinite(ratio)):
+        return []
+    if abs(log(one.long_m / theirs)) <= log(SAME_ANIMAL) or abs(log(ratio)) > log(SAME_ANIMAL):
+        return []
+    text = (
+        f"{1e3 * one.long_m:.3g} mm between its two most distant markers (median), {_siblings(others)} "
+        f"{1e3 * theirs:.3g}; distances between the same markers agree ({ratio:.2f} times), so that others of them are "
+        "seen together, as where a part of the animal is digitised: do not compare lengths of the whole"
+    )
+    return [_odd("length", text, alarm=False, long_m=one.long_m, others=theirs)]
 
 
 def _cameras(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:

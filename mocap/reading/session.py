@@ -14,6 +14,7 @@ from mocap.audit.offsets import estimate_offsets
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.findings import Finding, worst_first
+from mocap.io.unstated_unit import length
 from mocap.json_records import plain, record
 from mocap.reading.decided import decided
 from mocap.recording import Recording
@@ -121,7 +122,7 @@ def facts_of(
     steps = steps[np.isfinite(steps)]
     if lengths and len(steps):
         facts["step"] = float(np.median(steps) / np.median(list(lengths.values())))
-    return TrialFacts(**facts, lengths_m=lengths)
+    return TrialFacts(**facts, lengths_m=lengths, long_m=length(xyz))
 
 
 def _rig(recording: Recording) -> str:

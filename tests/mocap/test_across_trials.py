@@ -125,6 +125,17 @@ def test_recordings_of_other_things_in_one_folder_are_not_held_against_each_othe
     assert "of another animal" in one.text
 
 
+@pytest.mark.parametrize(
+    ("long", "size", "kinds"), [(0.12, 1.0, ["length"]), (0.145, 1.0, []), (0.12, 0.5, ["size"]), (np.nan, 1.0, [])]
+)
+def test_a_length_of_the_whole_that_disagrees_is_named_where_bones_agree(long, size, kinds):
+    """A note: a part of the animal is digitised; of bones that differ, too, the size is wrong, and told alone."""
+    trials = [facts(f"t{k}", long_m=0.15 + 0.003 * k) for k in range(4)]
+    found = compared([*trials, facts("odd", long_m=long, size=size)])
+    assert [one.text.partition(":")[0] for one in found.pop("odd")] == kinds
+    assert not any(found.values())
+
+
 def test_facts_are_the_same_after_a_file():
     """As a batch keeps them."""
     one = facts("t1", stated=("fps",))

@@ -90,6 +90,7 @@ class Look:
         pixels: Whether it holds pixels that need a calibration beside them.
         cameras: Names of the cameras of a calibration; none where it cannot be read.
         one: Whether it holds pixels of one camera.
+        lens: Whether its cameras have lenses.
     """
 
     role: Role
@@ -97,6 +98,7 @@ class Look:
     pixels: bool = False
     cameras: tuple[str, ...] = ()
     one: bool = False
+    lens: bool = False
 
 
 NOTHING = Look(role="none")
@@ -158,7 +160,7 @@ def _look(path: Path, hints: Hints) -> Look:
         quiet = path.suffix.lower() == ".txt" or has_crops(path)
         return NOTHING if quiet else Look(role="unknown", format=str(error))
     if name in CALIBRATIONS:
-        return Look(role="calibration", format=name, cameras=camera_names(path))
+        return _calibration(path, name)
     if name in VIEWS:
         return Look(role="view", format=name, one=True)
     if name == "csv":
@@ -176,7 +178,17 @@ def _look(path: Path, hints: Hints) -> Look:
         found = read(path, hints)
     except MocapError:  # which tracking tells
         return Look(role="tracks", format=name, pixels=name != "dltdv-project")
-    return Look(role="tracks", format=name, pixels=not found.cameras, one=len(found.camera_names) == 1)
+    alone, lens = len(found.camera_names) == 1, any(camera.lens is not None for camera in found.cameras)
+    return Look(role="tracks", format=name, pixels=not found.cameras, one=alone, lens=lens)
+
+
+def _calibration(path: Path, name: str) -> Look:
+    try:
+        found = read(path)
+    except MocapError:  # which tracking tells
+        return Look(role="calibration", format=name)
+    lens = any(camera.lens is not None for camera in found.cameras)
+    return Look(role="calibration", format=name, cameras=found.camera_names, lens=lens)
 
 
 def _by_content(path: Path, name: str, hints: Hints) -> Look:
@@ -443,6 +455,8 @@ def _trial(looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], *,
             own[kind] = path
         skip = skip or trouble
     alone = len(paths) == 1 and looked.one_camera(paths[0])  # one video is tracked in the plane of its image
+    if alone or "profile" in own or any(looked.has_lens(Path(file)) for file in (paths[0], own.get("calibration", ""))):
+        own.pop("fit_lens", None)  # what is stated for all is for those without a lens
     if cameras and "calibration" not in own and not skip and not alone:
         skip = (
             "pixels without a calibration: none lies in its folder, in one called calibration, or above, up to "
@@ -544,6 +558,10 @@ class _Looked:
     def one_camera(self, path: Path) -> bool:
         """Whether a file holds pixels of one camera."""
         return any(path in there and there[path].one for there in self.at(path.parent).values())
+
+    def has_lens(self, path: Path) -> bool:
+        """Whether the cameras of a file that was looked at have lenses."""
+        return any(path in there and there[path].lens for there in self.seen.get(path.parent, {}).values())
 
     def folders(self, folder: Path) -> tuple[str, ...]:
         """The folders that are a part of the names of a folder's trials."""

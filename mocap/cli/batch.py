@@ -15,7 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.text import Text
 
 from mocap.cli.console import errors, program, say, show_text, typed, visible
-from mocap.cli.options import AsJson, LimitS, RecordingOptions, with_records
+from mocap.cli.options import AsJson, FitLens, LimitS, RecordingOptions, with_records
 from mocap.text import number_of
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ def batch(
     validate: Annotated[
         bool, typer.Option(help="Do not hide samples of each trial to measure how well they are filled.")
     ] = True,
+    fit_lens: FitLens = False,
     again: Annotated[bool, typer.Option("--again", help="Track all trials, also those that have been.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -83,8 +84,9 @@ def batch(
     from mocap.batches.summary import as_json as records_as_json
     from mocap.batches.summary import reasons, worst_first
 
+    stated = recording_options.arguments() | ({"fit_lens": True} if fit_lens else {})
     if dry_run:
-        plan = planned(sources, out=out, limit_s=limit_s, **recording_options.arguments())
+        plan = planned(sources, out=out, limit_s=limit_s, **stated)
         path = write_plan(plan, out)
         say(*plan_lines(plan))
         say(
@@ -108,7 +110,7 @@ def batch(
             pictures=pictures,
             validate=validate,
             progress=tell,
-            **recording_options.arguments(),
+            **stated,
         )
     own = [record for record in found.records if record.trial in found.own]
     wrong = [

@@ -41,6 +41,7 @@ from mocap.io import (
     xmalab,
 )
 from mocap.io.contents import FILLED, FileContents
+from mocap.io.crop import has_crops
 from mocap.io.elsewhere import formats_elsewhere
 from mocap.io.format import Format, Head, Hints, head
 from mocap.io.plausible import plausible
@@ -292,6 +293,8 @@ def _identify(path: Path, hints: Hints) -> Format:
         ".mov",
     ):
         raise FormatError(f"{path.name}: is a video, in which nothing is digitised yet: mocap digitise does that")
+    if has_crops(path):
+        raise FormatError(f"{path.name}: crop offsets of a cropped video: give them as `crop`, with the video's pixels")
     near = "; ".join(f"{format.title} (`format` {format.name})" for format in nearest(beginning, FORMATS))
     raise FormatError(
         f"{path.name}: {looks_like(beginning)}: not a known format. Nearest are {near}. If it is a table, state what "

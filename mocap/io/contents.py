@@ -158,6 +158,11 @@ class FileContents:
         }
         return replace(self, **kept)
 
+    def without_markers(self) -> FormatError:
+        """Why there is nothing to track or to write, of a file that holds no marker."""
+        why = "; ".join((*self.findings, "give a file of pixels or positions"))
+        return FormatError(f"{self.paths[0].name}: contains no markers ({self.format}): {why}")
+
     def frames_from_0(self) -> NDArray[np.int64]:
         """(T,) numbers of the frames as video programs count them: 0 at time 0."""
         tracks = self.pixels if self.points is None else self.points

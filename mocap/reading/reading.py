@@ -126,8 +126,7 @@ def read(
             f"{files[0].name}: is a calibration, and {rig.name}, given as `calibration`, holds tracks: exchange them"
         )
     if not contents.names:
-        why = "; ".join((*contents.findings, "give a file of pixels or positions"))
-        raise FormatError(f"{files[0].name}: contains no markers ({contents.format}): {why}")
+        raise contents.without_markers()
     if rig is None and mm_per_px is None:
         mm_per_px = contents.plane_mm
     animal_skeleton, names = animal(skeleton, contents.names, bodies=contents.bodies)

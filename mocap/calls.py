@@ -94,9 +94,15 @@ def _advice(
     return f"mocap.{verb} has no argument `{strange}`, which mocap.{', mocap.'.join(belongs)} take: {call}"
 
 
-BOUNDS = {"fps": (1e-6, 1e7), "pixel_sd": (1e-4, 1e4), "image_height_px": (1.0, 1e6), "mm_per_px": (1e-7, 1e5)}
+BOUNDS = {
+    "fps": (1e-6, 1e7),
+    "pixel_sd": (1e-4, 1e4),
+    "point_sd_mm": (1e-6, 1e5),
+    "image_height_px": (1.0, 1e6),
+    "mm_per_px": (1e-7, 1e5),
+}
 """Least and greatest of each option: a frame in twelve days to the fastest cameras; a pixel's hair to a whole image;
-a row to a thousand times a camera's; an electron micrograph to a landscape."""
+a nanometre to a hundred metres; a row to a thousand times a camera's; an electron micrograph to a landscape."""
 
 
 def check_stated(option: str, value: float | None) -> None:

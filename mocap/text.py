@@ -82,6 +82,7 @@ def _escape(found: re.Match[str]) -> str:
 OTHER_OPTIONS = {
     "format": "--format",
     "image_height_px": "--image-height",
+    "point_sd_mm": "--point-sd",
     "stored_points": "--stored",
     "overwrite": "--force",
     "no_solid": "--no-solid",

@@ -75,6 +75,7 @@ STATED: dict[str, Callable[[str], Any]] = {
     "calibration_origin": str,
     "image_height_px": number,
     "pixel_sd": number,
+    "point_sd_mm": number,
     "crop": Path,
     "edits": Path,
     "edits_anyway": yes,

@@ -89,6 +89,7 @@ EditsAnyway = Annotated[
     typer.Option("--edits-anyway", help="Replay corrections that were made on another recording, or changed files."),
 ]
 PixelSd = Annotated[float | None, typer.Option(help="SD of a digitised coordinate. Default: estimated.")]
+PointSd = Annotated[float | None, typer.Option(help="SD of a coordinate of 3D positions. Default: estimated.")]
 FitLens = Annotated[
     bool,
     typer.Option("--fit-lens", help="Estimate radial lens distortion from the recording where no profile is given."),
@@ -145,6 +146,7 @@ PANELS = {
         "image_height": "PIXELS",
         "crop": "FILE",
         "pixel_sd": "PIXELS",
+        "point_sd": "MM",
         "edits": "FILE",
         "edits_anyway": "",
         "stored": "FILE",
@@ -274,12 +276,14 @@ class RecordingOptions(CameraOptions):
     unit: Unit = None
     skeleton: SkeletonFile = None
     pixel_sd: PixelSd = None
+    point_sd: PointSd = None
     edits: Edits = None
     edits_anyway: EditsAnyway = False
 
     def arguments(self) -> dict[str, Any]:
         """As ``mocap.read`` takes it."""
         own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
+        own |= {"point_sd_mm": self.point_sd} if self.point_sd is not None else {}
         own |= {"edits": self.edits, **({"edits_anyway": True} if self.edits_anyway else {})}
         return super().arguments() | own
 

@@ -41,6 +41,7 @@ def from_arrays(
     unit: str | None = None,
     skeleton: Skeleton | str | PathLike[str] | None = None,
     name: str = "recording",
+    point_sd_mm: float | None = None,
 ) -> Recording:
     """A recording of positions that are in memory; ``mocap.track`` takes it as it takes one that was read.
 
@@ -52,6 +53,7 @@ def from_arrays(
         unit: Unit of lengths (m, mm, cm, in, ft); None: as the Dataset says, else the animal's length chooses it.
         skeleton: A ``mocap.Skeleton``, or a skeleton TOML; None: markers only.
         name: Of the recording.
+        point_sd_mm: As in ``mocap.read``.
 
     Raises:
         FormatError: it is no such array, table or Dataset, or a name or unit does not fit.
@@ -61,7 +63,9 @@ def from_arrays(
     contents = _contents(xyz, "xyz", name, names, fps)
     if contents.points is None:
         raise FormatError("`xyz` contains pixels (space x, y), expected positions (x, y, z): use mocap.from_pixels")
-    return _recording(contents, (), (), name=name, fps=fps, unit=unit, skeleton=skeleton)
+    check_stated("point_sd_mm", point_sd_mm)
+    found = _recording(contents, (), (), name=name, fps=fps, unit=unit, skeleton=skeleton)
+    return replace(found, source=replace(found.source, point_sd_mm=point_sd_mm))
 
 
 def from_pixels(

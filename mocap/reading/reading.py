@@ -52,6 +52,7 @@ def read(
     calibration_origin: PixelCorner | None = None,
     image_height_px: float | None = None,
     pixel_sd: float | None = None,
+    point_sd_mm: float | None = None,
     stored_points: PathText | None = None,
     correct_lag: bool = False,
     crop: PathText | Sequence[PathText] | None = None,
@@ -79,6 +80,8 @@ def read(
         calibration_origin: The same for the calibration, if it differs.
         image_height_px: Image height, to flip rows without a profile.
         pixel_sd: Standard deviation of a pixel; None: estimated.
+        point_sd_mm: Standard deviation of a coordinate of 3D positions without pixels; None: as their file states it,
+            else estimated from differences between frames.
         stored_points: xyzpts file to audit; None: the one beside ``tracks``.
         correct_lag: Read cameras that run late, by the audit, between their frames.
         crop: Crop offsets of cropped videos, to be added to the pixels: a folder, or a file a camera in their order
@@ -100,7 +103,7 @@ def read(
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
     """
-    for name, number in {"fps": fps, "pixel_sd": pixel_sd, "mm_per_px": mm_per_px}.items():
+    for name, number in {"fps": fps, "pixel_sd": pixel_sd, "point_sd_mm": point_sd_mm, "mm_per_px": mm_per_px}.items():
         check_stated(name, number)
     options = PixelOptions(
         origin=origin,
@@ -146,6 +149,7 @@ def read(
             calibration=None if rig is None else rig.name,
             unit=unit,
             pixel_sd=pixel_sd,
+            point_sd_mm=point_sd_mm,
             mm_per_px=mm_per_px,
             unusual=contents.remarks,
             bodies=contents.bodies,

@@ -1,7 +1,10 @@
 """Positions without cameras whose noise is guessed too small: the deviation is enlarged, and no sample refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from mocap.datasets import make_bat
 
 import mocap
 from mocap.errors import MocapError
@@ -143,3 +146,8 @@ def test_a_stated_deviation_is_that_of_every_sample():
     assert np.allclose(np.sqrt(cleaned.cov_m2[..., 0, 0]), 5e-5)
     with pytest.raises(MocapError, match="`point_sd_mm` must be a number above 0"):
         mocap.from_arrays(seen, fps=250, unit="m", point_sd_mm=-1.0)
+    film = make_bat(seed=0, n_frames=20, n_cameras=3)
+    uv = film.pixels.uv_px
+    pixels = mocap.from_pixels(uv, film.cameras, names=film.pixels.names, fps=film.fps, unit="m")
+    with pytest.raises(MocapError, match="`point_sd_mm` is the noise of 3D positions"):
+        replace(pixels, source=replace(pixels.source, point_sd_mm=0.05))

@@ -21,6 +21,8 @@ Line = tuple[str, str]
 """A direction: from one marker to another."""
 
 
+LINES = {"forward": 'forward = ["PELVIS", "NECK"]', "left": 'left = ["SHOULDER_R", "SHOULDER_L"]'}
+"""How axes of the trunk are stated under ``[measures]``, with names of markers that readers replace."""
 Places = Mapping[str, tuple[float, float, float]]
 """Axes of a body: where three markers of it and more are in them, in metres."""
 SEQUENCE = "zyx"

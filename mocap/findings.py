@@ -207,9 +207,13 @@ def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:
     """The 40 commonest findings of a recording's blocks.
 
     Those of one kind and markers are one, where the cameras of one are among those of the other. Markers that a block
-    never sees are told of the recording where no block sees them.
+    never sees are told of the recording where no block sees them, and that markers are never seen together where
+    most blocks say so.
     """
     blocks = _never_seen_in_any([list(block) for block in blocks])
+    apart = sum(any(f.kind is Kind.NEVER_TOGETHER for f in block) for block in blocks)
+    if 2 * apart <= len(blocks):
+        blocks = [[f for f in block if f.kind is not Kind.NEVER_TOGETHER] for block in blocks]
     found: list[list[Finding]] = []
     for one in (finding for block in blocks for finding in block):
         alike = [same for same in found if _alike(same[0], one)]

@@ -248,7 +248,7 @@ def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
     """A text with semicolons between its cells as one with commas and decimal points."""
     note = "cells are separated by semicolons"
     if found := _decimal_comma(text, ";"):
-        if point := _cell(_WITH_POINT, ";").search(text) if "." in text else None:
+        if point := _with_point(text, ";"):
             line = text.count("\n", 0, point.end()) + 1
             raise FormatError(
                 f"{path.name}: line {line}: {point[0].strip(chr(34) + '; ')!r} has a decimal point (or one between "
@@ -265,7 +265,7 @@ def _tabs(path: Path, text: str, knows: Knows) -> tuple[str, tuple[str, ...]]:
     """A text with tabs between its cells as one with decimal points; with commas in place of tabs that none knows."""
     notes = []
     found = _decimal_comma(text, "\t")
-    if found and not ("." in text and _cell(_WITH_POINT, "\t").search(text)):
+    if found and not _with_point(text, "\t"):
         notes = [f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
         text = _with_points(text, "\t")
     table = not knows(Head(path, text[:LENGTH].encode()))
@@ -277,6 +277,13 @@ def _tabs(path: Path, text: str, knows: Knows) -> tuple[str, tuple[str, ...]]:
 
 def _decimal_comma(text: str, separator: str) -> re.Match[str] | None:
     return _cell(_WITH_COMMA, separator).search(text) if "," in text else None
+
+
+def _with_point(text: str, separator: str) -> re.Match[str] | None:
+    """A number with a decimal point, from the first line of numbers on: titles above may state a rate or a clock so."""
+    row = re.compile(rf"(?m)^(?=.*{separator})[0-9eE+.,{separator} \"-]+$")
+    first = row.search(text) if "." in text else None
+    return _cell(_WITH_POINT, separator).search(text, first.start()) if first else None
 
 
 def _with_points(text: str, separator: str) -> str:

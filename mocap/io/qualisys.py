@@ -120,6 +120,10 @@ def read_tsv(path: Path, _hints: Hints) -> FileContents:
     if str(len(rows)) != head["NO_OF_FRAMES"][0].strip():  # also of a part that somebody took out
         findings.append(f"NO_OF_FRAMES is {head['NO_OF_FRAMES'][0]}, but there are {len(rows)} rows")
     values = numbers(path, rows, separator="\t", columns=len(titles), first_line=start + 1)
+    if not timed:
+        count = 1.0 + np.arange(len(values))
+        values = np.column_stack([count, (count - 1) / fps, values])
+    t_s = (values[:, 0] - 1) / fps
     if t_s[0] > 0 == values[0, 1]:  # a part that was cut out, whose times begin anew
         findings.append(f"Time begins at 0 in frame {values[0, 0]:g}: times are those of the frames")
         values[:, 1] += t_s[0]

@@ -58,7 +58,7 @@ def _read(path: Path, hints: Hints) -> FileContents:
     """
     header, values = read_table(path, header=has_titles(path))
     header = header or [str(c + 1) for c in range(values.shape[1])]
-    plain, unit = _without_unit(header)
+    plain, unit = without_unit(header)
     columns = dict(hints.columns)
     rest: list[str] = []
     if not columns:
@@ -95,7 +95,7 @@ def seconds_of(title: str) -> float | None:
     return time_unit_s(match["unit"]) if match["unit"] else 1.0
 
 
-def _without_unit(header: list[str]) -> tuple[list[str], str | None]:
+def without_unit(header: list[str]) -> tuple[list[str], str | None]:
     """Titles without the unit that coordinates have in theirs, ``tip X (mm)``, and that unit if all have one."""
     found = [_UNIT.fullmatch(title) for title in header]
     units = {match["a"] or match["b"] for match in found if match}

@@ -36,6 +36,7 @@ from mocap.io import (
     sleap,
     tables,
     tables_long,
+    tidy,
     trc,
     video_tables,
     xmalab,
@@ -197,14 +198,14 @@ FORMATS = (
         bouguet,
     ),
     *_each(not_read, keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
-    *_each(plain.typed_pixels, xmalab, argus),
+    *_each(tidy, plain.typed_pixels, xmalab, argus),
     *formats_elsewhere(),
     plain.CSV,
 )
 """In the order in which they are asked: where two know a file, the first is right."""
 BESIDE = ("easymocap", "opencap")
 """Formats whose readers look at the file's place: what lies beside it, or its folder's name."""
-OF_WORDS = ("sleap-csv",)
+OF_WORDS = ("sleap-csv", "rows-of-markers")
 """Formats whose tables hold words that mean something: laid out anew they would lose them."""
 NANOMETRE = 1e-9  # the last digit that is written
 Result = TypeVar("Result")

@@ -65,6 +65,8 @@ def _read(path: Path, hints: Hints) -> FileContents:
         columns, rest = _places(_by_titles(plain) or _counted(plain, values)) or _among_others(plain)
         header = plain if columns else header
     if not columns:
+        if twice := [title for title in dict.fromkeys(header) if title and header.count(title) > 1]:
+            raise FormatError(f"{path.name}: the column {twice[0]!r} stands twice: rename one, so that markers differ")
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
         raise FormatError(
             f"{path.name}: a plain table of {len(header)} columns ({shown}) in no known format (DLTdv, Argus, "

@@ -31,6 +31,7 @@ _COUNTED = re.compile(rf"{FRAMES}|t|t_s|time|time_s|seconds|(camera|cam|view)[ _
 """Titles of a first column that has a number in every row: frames, times, numbers of cameras, coefficients of one."""
 
 _QUOTED = re.compile(r'(?m)(^|,)"([^",\n]*)"(?=,|$)')
+_WITH_COMMAS = re.compile(r'(?m)(^|,)"\s*([+-]?[\d.]*,[\d.,]*\d(?:[eE][+-]?\d+)?)\s*"(?=,|$)', re.ASCII)
 _SEP = re.compile(r'"?sep=."?[;,\t ]*\n', re.IGNORECASE)
 """What a spreadsheet takes for its separator, before the titles."""
 _ROW = re.compile(r'("[^"]*"|[^",]*)(,("[^"]*"|[^",]*))+')
@@ -147,6 +148,8 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
     else:
         separators = ()
     if _all_quoted(head.lines):
+        text, quoted = _quoted_commas(path, text)
+        separators = (*separators, *quoted)
         text = _QUOTED.sub(r"\1\2", text)
     text, left = _trimmed(text)
     if not text.endswith("\n"):
@@ -170,6 +173,32 @@ def _all_quoted(lines: Sequence[str]) -> bool:
     """Whether lines are rows of cells with commas, of which some are quoted: no JSON, no settings."""
     rows = [line for line in lines if line.strip()]
     return any('"' in row for row in rows) and all(map(_ROW.fullmatch, rows))
+
+
+def _quoted_commas(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
+    """Numbers in quotes that hold commas, decimal ones or between thousands, as numbers with decimal points.
+
+    Raises:
+        FormatError: they may be either.
+    """
+    cells = [match[2] for match in _WITH_COMMAS.finditer(text)]
+    if not cells:
+        return text, ()
+    thousands = all(re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", cell) for cell in cells)
+    decimal = all(cell.count(",") == 1 and "." not in cell for cell in cells)
+    points = re.search(r'(?m)(^|,|")[+-]?\d[\d,]*\.\d+"?(?=,|$)', text) is not None
+    if decimal and not thousands and not points:
+        what, mark = "decimal commas", "."
+    elif thousands and (points or not decimal):
+        what, mark = "commas between thousands", ""
+    else:
+        place = text.count("\n", 0, text.index(f'"{cells[0]}"')) + 1
+        raise FormatError(
+            f"{path.name}: line {place}: {cells[0]!r} in quotes may have a decimal comma or one between thousands: "
+            "export it with decimal points and none between thousands"
+        )
+    text = _WITH_COMMAS.sub(lambda match: match[1] + match[2].replace(",", mark), text)
+    return text, (f"numbers in quotes have {what}: {cells[0]} is read as {cells[0].replace(',', mark)}",)
 
 
 def _whole_end(path: Path, text: str) -> str:

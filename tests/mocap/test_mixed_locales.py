@@ -60,3 +60,34 @@ def test_times_that_begin_anew(tmp_path):
     (tmp_path / "a.tsv").write_text(tsv(first=1000, fps=90))
     with pytest.raises(FormatError, match="does not fall on"):
         read(tmp_path / "a.tsv")
+
+
+QUOTED = {
+    "decimal commas": (lambda value: f"{value / 1000:.5f}".replace(".", ","), 1000),
+    "thousands": (lambda value: f"{10 * value:,.2f}", 0.1),
+    "points": (lambda value: f"{value:.2f}", 1),
+}
+
+
+@pytest.mark.parametrize("how", QUOTED)
+def test_quoted_numbers_with_commas(tmp_path, how):
+    """``"0,5000"`` and ``"5,000.00"`` between commas are numbers, each by what all cells have; ``"5,000"`` is asked."""
+    spelt, factor = QUOTED[how]
+    lines = [",".join(f'"{name}_{axis}"' for name in "ab" for axis in "xyz")]
+    lines += [",".join(f'"{spelt(value)}"' for value in row) for row in XYZ_MM.reshape(40, 6)]
+    (tmp_path / "a.csv").write_text("\n".join([*lines, ""]))
+    found = read(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.points.xyz_m * factor, XYZ_MM, rtol=1e-9, atol=1e-9)
+    lines[1:] = [",".join(['"5,000"'] * 6)] * 40
+    (tmp_path / "a.csv").write_text("\n".join([*lines, ""]))
+    with pytest.raises(
+        FormatError, match="line 2: '5,000' in quotes may have a decimal comma or one between thousands"
+    ):
+        read(tmp_path / "a.csv")
+
+
+def test_a_title_that_stands_twice_is_named(tmp_path):
+    """Two markers of one name are two: which is which is not guessed."""
+    (tmp_path / "a.csv").write_text("time,hip_x,hip_y,hip_z,hip_x,hip_y,hip_z\n" + "0,1,2,3,4,5,6\n" * 3)
+    with pytest.raises(FormatError, match="the column 'hip_x' stands twice"):
+        read(tmp_path / "a.csv")

@@ -360,7 +360,8 @@ def parts(recording: FileContents) -> dict[str, str]:
     """What a recording holds, and how to call it."""
     found = {}
     if recording.pixels is not None:
-        found["pixels"] = f"pixels of {len(recording.camera_names)} cameras"
+        plane = recording.plane_mm is not None
+        found["pixels"] = "positions in a plane" if plane else f"pixels of {len(recording.camera_names)} cameras"
         if recording.pixel_origin is not None:
             found["pixel_origin"] = f"the corner that pixel rows are counted from ({recording.pixel_origin})"
     if recording.points is not None:
@@ -420,9 +421,11 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
     contents = parts(recording)
     if not format.holds & contents.keys() & {"pixels", "points", "cameras", "lenses", "transforms", "quantities"}:
         there = ", ".join(contents.values()) or "nothing"
+        advice = ": triangulate first: mocap triangulate" if "pixels" in contents and "points" in format.holds else ""
+        if recording.plane_mm is not None:
+            advice = ": they are a table already, and mocap track writes them in metres"
         raise FormatError(
-            f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})"
-            + (": triangulate first: mocap triangulate" if "pixels" in contents and "points" in format.holds else "")
+            f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})" + advice
         )
     for need in sorted(format.needs - contents.keys() - ({"unit"} if "quantities" in contents else set())):
         option = {"fps": "the frame rate (give `fps`)", "unit": "the unit of lengths (give `unit`)"}[need]

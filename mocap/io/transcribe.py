@@ -23,7 +23,7 @@ from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text
 
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
-_WITH_COMMA = rf"([+-]?\d*),(\d+{_EXPONENT})"
+_WITH_COMMA = rf"([+-]?(?:\d+:)*\d*),(\d+{_EXPONENT})"
 _WITH_POINT = rf"[+-]?(?=[\d.,]*\d)[\d,]*\.[\d.,]*{_EXPONENT}"
 _MISSING = "|".join(map(re.escape, MISSING_WORDS))
 _NUMBER = re.compile(rf'\s*"?\s*([+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|{_MISSING})\s*"?\s*', re.ASCII)
@@ -32,6 +32,8 @@ _COUNTED = re.compile(rf"{FRAMES}|t|t_s|time|time_s|seconds|(camera|cam|view)[ _
 
 _QUOTED = re.compile(r'(?m)(^|,)"([^",\n]*)"(?=,|$)')
 _WITH_COMMAS = re.compile(r'(?m)(^|,)"\s*([+-]?[\d.]*,[\d.,]*\d(?:[eE][+-]?\d+)?)\s*"(?=,|$)', re.ASCII)
+_MINUS, _BLANKS = "\u2212", "\u00a0\u202f"
+"""The typographic minus of Scandinavian locales, and what French ones put between thousands."""
 _SEP = re.compile(r'"?sep=."?[;,\t ]*\n', re.IGNORECASE)
 """What a spreadsheet takes for its separator, before the titles."""
 _ROW = re.compile(r'("[^"]*"|[^",]*)(,("[^"]*"|[^",]*))+')
@@ -125,6 +127,7 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
                 not numbered
                 and not is_utf16(start)
                 and is_utf8(_blocks(stream))
+                and not any(sign.encode() in block for block in _blocks(stream) for sign in _MINUS + _BLANKS)
                 and _is_plain(stream, Head(path, start), knows)
             ):
                 return None, ()
@@ -139,6 +142,8 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
     if hint := _SEP.match(text):
         text = text[hint.end() :]
         notes = (*notes, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
+    text, spelt = _ascii_numbers(text)
+    notes = (*notes, *spelt)
     head = Head(path, text[:LENGTH].encode())
     separator = _separator(head.lines)
     if separator == ";":
@@ -156,6 +161,18 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
         left = (*left, _whole_end(path, text))
         text += "\n"
     return _without_row_numbers(path, text, (*notes, *separators, *left), named)
+
+
+def _ascii_numbers(text: str) -> tuple[str, tuple[str, ...]]:
+    """A text whose numbers have the minus sign of ASCII, and no narrow or hard blanks between thousands."""
+    notes = ()
+    if _MINUS in text:
+        text = re.sub(rf"{_MINUS}(?=[\d.,])", "-", text)
+        notes = (f"numbers have the sign {_MINUS} (U+2212): read as a minus",)
+    if any(blank in text for blank in _BLANKS):
+        text, count = re.subn(rf"(?<=\d)[{_BLANKS}](?=\d{{3}}(?!\d))", "", text)
+        notes += ("numbers have blanks between thousands: left out",) if count else ()
+    return text, notes
 
 
 def _is_json(text: str) -> bool:
@@ -266,7 +283,7 @@ def _separator(lines: Sequence[str]) -> str:
 def _may_hold_comma(cell: str) -> bool:
     """Whether a cell is a number, if perhaps a wrong one, or a text in quotes."""
     cell = cell.strip()
-    return not cell.strip("0123456789+-.,eE") or (len(cell) > 1 and cell[0] == cell[-1] == '"')
+    return not cell.strip("0123456789+-.,eE:") or (len(cell) > 1 and cell[0] == cell[-1] == '"')
 
 
 def _cell(pattern: str, separator: str) -> re.Pattern[str]:

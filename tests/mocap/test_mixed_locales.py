@@ -91,3 +91,38 @@ def test_a_title_that_stands_twice_is_named(tmp_path):
     (tmp_path / "a.csv").write_text("time,hip_x,hip_y,hip_z,hip_x,hip_y,hip_z\n" + "0,1,2,3,4,5,6\n" * 3)
     with pytest.raises(FormatError, match="the column 'hip_x' stands twice"):
         read(tmp_path / "a.csv")
+
+
+SPELT = {
+    "a typographic minus": (",", lambda value: f"{value - 500:.2f}".replace("-", "\u2212"), lambda mm: mm - 500),
+    "a minus": (",", lambda value: f"{value - 500:.2f}", lambda mm: mm - 500),
+    "hard blanks between thousands": (
+        ";",
+        lambda value: f"{10 * value:,.2f}".replace(",", "\u202f").replace(".", ","),
+        lambda mm: 10 * mm,
+    ),
+}
+
+
+@pytest.mark.parametrize("how", SPELT)
+def test_numbers_as_locales_spell_them(tmp_path, how):
+    """Scandinavian minus signs and French thousands: each value is that of the plain spelling, and it is told."""
+    sep, spelt, true = SPELT[how]
+    lines = [sep.join(f"{name}_{axis}" for name in "ab" for axis in "xyz")]
+    lines += [sep.join(map(spelt, row)) for row in XYZ_MM.reshape(40, 6)]
+    (tmp_path / "a.csv").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    found = read(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.points.xyz_m, true(XYZ_MM), atol=1e-9)
+    assert any("U+2212" in one or "between thousands" in one for one in found.findings) == (how != "a minus")
+
+
+@pytest.mark.parametrize(
+    ("start", "step", "fps"), [(45415.5, 0.01 / 86400, 100), (45415.5, 5e-4, 2000), (0, 1e-5, 1e5)]
+)
+def test_dates_of_a_spreadsheet_are_days(tmp_path, start, step, fps):
+    """A hundredth of a second in days is a hundred frames a second; half a millisecond in seconds is not."""
+    lines = [f"{start + k * step:.10f},{k}.5,{k}.25,{k}.125" for k in range(40)]
+    (tmp_path / "a.csv").write_text("\n".join(["time,a_x,a_y,a_z", *lines, ""]))
+    found = read(tmp_path / "a.csv")
+    assert found.fps == pytest.approx(fps, rel=1e-5)
+    assert any("times are days" in one for one in found.findings) == (fps == 100)

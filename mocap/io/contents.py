@@ -406,10 +406,11 @@ def summary(recording: FileContents) -> dict[str, Any]:
     in_frames, of_markers = np.any(tracks, axis=(0, 2)), np.any(tracks, axis=(0, 1))
     lost = [name for name, any_seen in zip(recording.names, of_markers, strict=True) if sampled and not any_seen]
     px = recording.pixels is not None or (recording.lenses and not recording.cameras)
-    px = px and recording.plane_mm is None
-    px = px and recording.plane_mm is None
+    plane = recording.plane_mm is not None
+    px = px and not plane
     there = {
-        "pixels": recording.pixels is not None,
+        "pixels": recording.pixels is not None and not plane,
+        "plane": plane,
         "points": recording.points is not None,
         "cameras": bool(recording.cameras),
         "lenses": bool(recording.lenses),

@@ -58,13 +58,15 @@ def _read(path: Path, hints: Hints) -> FileContents:
     """
     header, values = read_table(path, header=has_titles(path))
     header = header or [str(c + 1) for c in range(values.shape[1])]
-    plain, unit = _without_unit(header)
+    plain, unit = without_unit(header)
     columns = dict(hints.columns)
     rest: list[str] = []
     if not columns:
         columns, rest = _places(_by_titles(plain) or _counted(plain, values)) or _among_others(plain)
         header = plain if columns else header
     if not columns:
+        if twice := [title for title in dict.fromkeys(header) if title and header.count(title) > 1]:
+            raise FormatError(f"{path.name}: the column {twice[0]!r} stands twice: rename one, so that markers differ")
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
         raise FormatError(
             f"{path.name}: a plain table of {len(header)} columns ({shown}) in no known format (DLTdv, Argus, "
@@ -95,7 +97,7 @@ def seconds_of(title: str) -> float | None:
     return time_unit_s(match["unit"]) if match["unit"] else 1.0
 
 
-def _without_unit(header: list[str]) -> tuple[list[str], str | None]:
+def without_unit(header: list[str]) -> tuple[list[str], str | None]:
     """Titles without the unit that coordinates have in theirs, ``tip X (mm)``, and that unit if all have one."""
     found = [_UNIT.fullmatch(title) for title in header]
     units = {match["a"] or match["b"] for match in found if match}

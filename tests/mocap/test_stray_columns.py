@@ -59,7 +59,7 @@ def test_markers_among_other_columns_are_read_and_the_rest_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("stated", ["title", "option", "nothing"])
-def test_two_columns_in_centimetres_are_a_plane(tmp_path, stated):
+def test_two_columns_in_centimetres_are_a_plane(mocap, tmp_path, stated):
     """A unit in the titles, or that is stated, makes 2D coordinates lengths, exactly; else they are pixels."""
     t = np.arange(60) / 100
     values = np.stack([t, 10 + np.sin(t), 5 + t, 14 + np.sin(t), 6 + t], axis=-1).round(4)
@@ -67,9 +67,15 @@ def test_two_columns_in_centimetres_are_a_plane(tmp_path, stated):
     head = ",".join(["time (s)", *(f"{name}_{a}{unit}" for name in "ab" for a in "xy")])
     np.savetxt(tmp_path / "x.csv", values, "%.4f", ",", header=head, comments="")
     recording = read_recording(tmp_path / "x.csv", unit="cm" if stated == "option" else None)
+    words = ["--unit", "cm"] if stated == "option" else []
+    out = mocap("info", tmp_path / "x.csv", *words)[1]
+    assert ("contains pixels; unit px" if stated == "nothing" else "contains positions in a plane; unit cm") in out
     if stated == "nothing":
         assert recording.source.mm_per_px is None
         return
+    code, _, err = mocap("convert", tmp_path / "x.csv", tmp_path / "y.csv", *words)
+    assert code == 1
+    assert "cannot store what x.csv contains (positions in a plane" in err
     cleaned = clean(recording)
     np.testing.assert_allclose(cleaned.data["position"].values[..., :2].reshape(60, 4), values[:, 1:] / 100, atol=1e-9)
     assert any("lengths in a plane" in str(finding) for finding in recording.findings)

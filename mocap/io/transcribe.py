@@ -153,7 +153,7 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
     else:
         separators = ()
     if _all_quoted(head.lines):
-        text, quoted = _quoted_commas(path, text)
+        text, quoted = _quoted_commas(text)
         separators = (*separators, *quoted)
         text = _QUOTED.sub(r"\1\2", text)
     text, left = _trimmed(text)
@@ -192,30 +192,20 @@ def _all_quoted(lines: Sequence[str]) -> bool:
     return any('"' in row for row in rows) and all(map(_ROW.fullmatch, rows))
 
 
-def _quoted_commas(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
-    """Numbers in quotes that hold commas, decimal ones or between thousands, as numbers with decimal points.
+def _quoted_commas(text: str) -> tuple[str, tuple[str, ...]]:
+    """Numbers in quotes without the commas between their thousands, where a decimal point says that they are that.
 
-    Raises:
-        FormatError: they may be either.
+    Decimal commas in quotes are read where tables are laid out anew (``title_rows``); 1,234 alone may be either.
     """
     cells = [match[2] for match in _WITH_COMMAS.finditer(text)]
-    if not cells:
+    if not any("." in cell for cell in cells):
         return text, ()
-    thousands = all(re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", cell) for cell in cells)
-    decimal = all(cell.count(",") == 1 and "." not in cell for cell in cells)
-    points = re.search(r'(?m)(^|,|")[+-]?\d[\d,]*\.\d+"?(?=,|$)', text) is not None
-    if decimal and not thousands and not points:
-        what, mark = "decimal commas", "."
-    elif thousands and (points or not decimal):
-        what, mark = "commas between thousands", ""
-    else:
-        place = text.count("\n", 0, text.index(f'"{cells[0]}"')) + 1
-        raise FormatError(
-            f"{path.name}: line {place}: {cells[0]!r} in quotes may have a decimal comma or one between thousands: "
-            "export it with decimal points and none between thousands"
-        )
-    text = _WITH_COMMAS.sub(lambda match: match[1] + match[2].replace(",", mark), text)
-    return text, (f"numbers in quotes have {what}: {cells[0]} is read as {cells[0].replace(',', mark)}",)
+    if not all(re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", cell) for cell in cells):
+        return text, ()
+    text = _WITH_COMMAS.sub(lambda match: match[1] + match[2].replace(",", ""), text)
+    return text, (
+        f"numbers in quotes have commas between thousands: {cells[0]} is read as {cells[0].replace(',', '')}",
+    )
 
 
 def _whole_end(path: Path, text: str) -> str:

@@ -71,7 +71,7 @@ QUOTED = {
 
 @pytest.mark.parametrize("how", QUOTED)
 def test_quoted_numbers_with_commas(tmp_path, how):
-    """``"0,5000"`` and ``"5,000.00"`` between commas are numbers, each by what all cells have; ``"5,000"`` is asked."""
+    """``"0,5000"`` and ``"5,000.00"`` are numbers, by what all cells have; ``"5,000"`` is refused."""
     spelt, factor = QUOTED[how]
     lines = [",".join(f'"{name}_{axis}"' for name in "ab" for axis in "xyz")]
     lines += [",".join(f'"{spelt(value)}"' for value in row) for row in XYZ_MM.reshape(40, 6)]
@@ -80,9 +80,7 @@ def test_quoted_numbers_with_commas(tmp_path, how):
     np.testing.assert_allclose(found.points.xyz_m * factor, XYZ_MM, rtol=1e-9, atol=1e-9)
     lines[1:] = [",".join(['"5,000"'] * 6)] * 40
     (tmp_path / "a.csv").write_text("\n".join([*lines, ""]))
-    with pytest.raises(
-        FormatError, match="line 2: '5,000' in quotes may have a decimal comma or one between thousands"
-    ):
+    with pytest.raises(FormatError):
         read(tmp_path / "a.csv")
 
 

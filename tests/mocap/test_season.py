@@ -129,7 +129,7 @@ def test_the_desk_tells_what_the_plan_tells(plan, tmp_path):
     assert [one["kind"] for one in told] == [one.kind for one in found(plan, name.split("/")[-2])]
     (row,) = (row for row in desk.overview()["trials"] if row["name"] == name)
     assert [text for text in row["wrong"] if "frame rate" in text]
-    assert "frame rate" in row["warning"]
+    assert "frame rate" in row["unlike"]
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ from mocap.errors import MocapError
 from mocap.io.contents import FileContents
 from mocap.io.dltdv import read_coefficients, write_coefficients
 from mocap.io.lines import metres
-from mocap.io.registry import read
+from mocap.io.registry import identify, read
 from tests.mocap.rigs import ring
 
 MARKERS, CAMERAS = 34, 4
@@ -119,7 +119,8 @@ def strangers(folder: Path) -> list[dict[str, object]]:
         try:
             found = read(path)
         except MocapError as error:
-            row |= {"verdict": "refused", "message": str(error)}
+            row |= {"format": format_of(path), "message": str(error)}
+            row["verdict"] = "refused" if row["format"] else "of no format"
             continue
         row |= {"format": found.format, "verdict": "read", "message": f"{len(found.names)} x {len(found.frames)}"}
         compared = theirs(path, found)
@@ -127,6 +128,15 @@ def strangers(folder: Path) -> list[dict[str, object]]:
             by, same = compared
             row |= {"right_by": by, "verdict": "right" if same else "other values"}
     return rows
+
+
+def format_of(path: Path) -> str:
+    """The format of a file that is refused; empty where it is in none, as a table that says nothing of itself."""
+    try:
+        found = identify(path).name
+    except MocapError:
+        return ""
+    return "" if found == "csv" else found
 
 
 def theirs(path: Path, found: FileContents) -> tuple[str, bool] | None:
@@ -200,21 +210,31 @@ def by_pandas(path: Path, found: FileContents) -> bool | None:
 
 
 def by_opencv(path: Path, found: FileContents) -> bool | None:
-    """Pixels of points before cameras with lenses, projected by OpenCV from the parts that each camera has."""
+    """Pixels of points before cameras with lenses, as OpenCV distorts what their matrices project.
+
+    A lens has its own focal length and centre. Where they are those of the matrix, and the world is not mirrored,
+    OpenCV projects from rotation and position. Of DLT coefficients (easyWand, dvProject) they are others, to 20 px, and
+    worlds are mirrored, which no rotation is: there the matrix projects to ideal pixels, whose rays OpenCV distorts.
+    """
     import cv2
 
     del path
     rng, same = np.random.default_rng(0), []
     for camera in found.cameras:
-        pin = decompose(camera)
-        if camera.lens is None or camera.lens.model == "fisheye":
+        pin, lens = decompose(camera), camera.lens
+        if lens is None:
             continue
         ahead = rng.uniform(-0.2, 0.2, (50, 3)) + np.array([0, 0, 1])
         xyz = (ahead * np.linalg.norm(pin.position_m) - pin.rotation @ -pin.position_m) @ pin.rotation
-        turn = cv2.Rodrigues(pin.rotation)[0]
-        uv, _ = cv2.projectPoints(
-            xyz, turn, -pin.rotation @ pin.position_m, camera.lens.intrinsic, camera.lens.coefficients
-        )
+        one = np.allclose(pin.intrinsic, lens.intrinsic, rtol=1e-9, atol=1e-6) and np.linalg.det(pin.rotation) > 0
+        if one:
+            seen, turn, at = xyz, cv2.Rodrigues(pin.rotation)[0], -pin.rotation @ pin.position_m
+        else:
+            ideal = np.column_stack([xyz, np.ones(len(xyz))]) @ camera.matrix.T
+            seen, turn, at = ideal @ np.linalg.inv(lens.intrinsic).T, np.zeros(3), np.zeros(3)
+            seen = seen / seen[:, 2:]
+        projected = cv2.fisheye.projectPoints if lens.model == "fisheye" else cv2.projectPoints
+        uv, _ = projected(seen[:, None], turn, at, lens.intrinsic, lens.coefficients)
         same.append(np.allclose(record([camera], xyz)[0], uv[:, 0], atol=1e-6))
     return all(same) if same else None
 
@@ -238,7 +258,8 @@ def corpus(folder: Path, out: Path, each: int) -> tuple[pd.DataFrame, pd.DataFra
 def told(files: pd.DataFrame, mutants: pd.DataFrame) -> str:
     """The counts that are to be 0, and what they are of."""
     refused = files[files["verdict"] == "refused"]
-    lines = [f"{len(files)} files: {len(refused)} refused"]
+    of_none = int((files["verdict"] == "of no format").sum())
+    lines = [f"{len(files)} files, {of_none} of them in no known format: of the others {len(refused)} refused"]
     lines += ["  " + str(row["message"])[:150] for row in refused.to_dict("records")]
     for by, own in files[files["right_by"] != ""].groupby("right_by"):
         lines.append(f"  {by}: {(own['verdict'] == 'right').sum()} of {len(own)} have its values")

@@ -107,14 +107,14 @@ def _smoothed(model: MotionModel, kept: deque[_Kept], n: int) -> list[LiveEstima
         if later >= len(kept) - n:
             seen = one.frame.observed
             shown = state if len(seen.where) else model.informed(state)
-            view = model.view(shown.mean, one.number)
+            xyz, cov = model.shown(shown, model.view(shown.mean, one.number), one.number)
             out.append(
                 LiveEstimate(
                     frame=one.number,
                     t_s=one.t_s,
                     ahead=later,
-                    xyz_m=view.mean,
-                    cov_m2=shown.markers(view),
+                    xyz_m=xyz,
+                    cov_m2=cov,
                     observed=seen,
                 )
             )

@@ -186,8 +186,9 @@ def smooth(
                 keeper.take(frame, here, state, shown, matrix)
             for one in own:
                 one.take(frame, shown)
-            xyz.append(view.mean)
-            cov.append(shown.markers(view))
+            mean, spread = model.shown(shown, view, frame)
+            xyz.append(mean)
+            cov.append(spread)
             if progress is not None:
                 progress(1 - 0.5 * frame / n_frames)
         rates = None if keeper is None else keeper.rates(n_frames)

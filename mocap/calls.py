@@ -1,20 +1,16 @@
 """Calls of the public functions: what is wrong with an argument, and what to write instead."""
 
-import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from difflib import get_close_matches
 from functools import wraps
-from inspect import Parameter, Signature, cleandoc, signature
+from inspect import Parameter, Signature, signature
 from numbers import Integral
 from os import PathLike
-from textwrap import wrap
-from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, overload
+from typing import Any
 
 import numpy as np
 
 from mocap.errors import MocapError
-from mocap.options import OPTION, explained
 
 _PATH = (str, PathLike)
 _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
@@ -39,60 +35,6 @@ _KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 _SOURCES = ("read", "from_arrays", "from_pixels")
 """The functions that make a recording."""
-
-
-Given = ParamSpec("Given")
-First = TypeVar("First")
-Second = TypeVar("Second")
-Options = TypeVar("Options", covariant=True)
-Made = TypeVar("Made")
-
-
-class _Taking(Protocol[Given, Options]):
-    """Makes a function of one or two things and a record one of these and the record's fields."""
-
-    @overload
-    def __call__(self, function: Callable[[First, Options], Made], /) -> Callable[Concatenate[First, Given], Made]: ...
-    @overload
-    def __call__(
-        self, function: Callable[[First, Second, Options], Made], /
-    ) -> Callable[Concatenate[First, Second, Given], Made]: ...
-
-
-def taking(record: Callable[Given, Options]) -> _Taking[Given, Options]:
-    """A function whose last argument is a record of options, as a function that has each option as an argument by name.
-
-    Its signature has the fields of the record, with their types and defaults, and its docstring what there is to say of
-    them (``mocap.options``), in place of the record.
-
-    Args:
-        record: A dataclass whose fields are given by name.
-    """
-    made: Callable[..., Options] = record
-
-    def decorate(function: Callable[..., Any]) -> Any:
-        *leading, last = signature(function).parameters.values()
-        named = signature(record).parameters.values()
-        takes = Signature([*leading, *named], return_annotation=signature(function).return_annotation)
-
-        @wraps(function)
-        def call(*arguments: Any, **options: Any) -> Any:
-            given = takes.bind(*arguments, **options).arguments
-            return function(*[given.pop(one.name) for one in leading], made(**given))
-
-        del call.__wrapped__  # it has another signature
-        call.__signature__ = takes  # type: ignore[attr-defined]
-        call.__annotations__ = {one.name: one.annotation for one in takes.parameters.values()}
-        lines = [line for one in fields(record) if OPTION in one.metadata for line in _explained(one)]  # type: ignore[arg-type]
-        own = re.compile(rf"^    {last.name}: .*$", re.MULTILINE)
-        call.__doc__ = own.sub(lambda _: "\n".join(lines), cleandoc(function.__doc__ or ""))
-        return call
-
-    return decorate
-
-
-def _explained(one: Any) -> list[str]:
-    return wrap(f"{one.name}: {explained(one)}", 116, initial_indent="    ", subsequent_indent="        ")
 
 
 def with_advice(function: Callable[..., Any], others: Mapping[str, Callable[[], Callable[..., Any]]]) -> Any:
@@ -152,9 +94,15 @@ def _advice(
     return f"mocap.{verb} has no argument `{strange}`, which mocap.{', mocap.'.join(belongs)} take: {call}"
 
 
-BOUNDS = {"fps": (1e-6, 1e7), "pixel_sd": (1e-4, 1e4), "image_height_px": (1.0, 1e6), "mm_per_px": (1e-7, 1e5)}
+BOUNDS = {
+    "fps": (1e-6, 1e7),
+    "pixel_sd": (1e-4, 1e4),
+    "point_sd_mm": (1e-6, 1e5),
+    "image_height_px": (1.0, 1e6),
+    "mm_per_px": (1e-7, 1e5),
+}
 """Least and greatest of each option: a frame in twelve days to the fastest cameras; a pixel's hair to a whole image;
-a row to a thousand times a camera's; an electron micrograph to a landscape."""
+a nanometre to a hundred metres; a row to a thousand times a camera's; an electron micrograph to a landscape."""
 
 
 def check_stated(option: str, value: float | None) -> None:

@@ -122,6 +122,7 @@ class Finding:
         markers: Markers concerned.
         frames: Rows concerned, from 1; of many only the first.
         mends: Arguments by which its user can mend it; None: of an alarm those of its kind, else none.
+        same_as: Kinds of findings that tell of the same fault by other evidence: both are told as one.
     """
 
     kind: Kind
@@ -132,6 +133,7 @@ class Finding:
     markers: tuple[str, ...] = ()
     frames: tuple[int, ...] = ()
     mends: tuple[str, ...] | None = None
+    same_as: tuple[Kind, ...] = ()
 
     def __post_init__(self) -> None:
         """Look its kind up, also by its words, and what mends it."""
@@ -150,7 +152,8 @@ class Finding:
 
     def as_json(self) -> dict[str, Any]:
         """For reports."""
-        return {**asdict(self), "kind": self.kind.value, "numbers": dict(self.numbers)}
+        same = [kind.value for kind in self.same_as]
+        return {**asdict(self), "kind": self.kind.value, "numbers": dict(self.numbers), "same_as": same}
 
 
 alarm = partial(Finding, alarm=True)
@@ -162,16 +165,37 @@ MOST = 20
 
 def alarms(findings: Iterable[Finding]) -> list[Finding]:
     """Those that say that something is wrong, worst first."""
-    return sorted((f for f in findings if f.alarm), key=lambda f: -f.kind.harm)
+    return sorted((f for f in _as_one(list(findings)) if f.alarm), key=lambda f: -f.kind.harm)
 
 
 def worst_first(findings: Iterable[Finding]) -> list[Finding]:
     """The order in which all commands tell them: alarms, worst first; what can be stated; the rest. None twice."""
     once: dict[str, Finding] = {}
-    for one in sorted(findings, key=lambda f: not f.alarm):
+    for one in sorted(_as_one(list(findings)), key=lambda f: not f.alarm):
         once.setdefault(one.text, one)
     rest = [f for f in once.values() if not f.alarm]
     return [*alarms(once.values()), *(f for f in rest if f.asks), *(f for f in rest if not f.asks)]
+
+
+def _as_one(findings: list[Finding]) -> list[Finding]:
+    """The findings, what tells of one fault by two pieces of evidence (``same_as``) as one that has both."""
+    for further in [one for one in findings if one.same_as and one.asks]:
+        own = next((f for f in findings if f.asks and f.kind in further.same_as), None)
+        if own is not None:
+            rest = [one for one in findings if one is not own and one is not further]
+            findings = [_both(own, further), *rest]
+    return findings
+
+
+def _both(own: Finding, further: Finding) -> Finding:
+    return replace(
+        own if own.kind.harm >= further.kind.harm else further,
+        text=f"{own.text}. Beside the others: {further.text}",
+        alarm=own.alarm or further.alarm,
+        numbers={**further.numbers, **own.numbers},
+        mends=tuple(dict.fromkeys([*(further.mends or ()), *(own.mends or ())])),
+        same_as=(),
+    )
 
 
 def readings(texts: Iterable[str], *, where: str = "") -> tuple[Finding, ...]:
@@ -183,9 +207,13 @@ def over_blocks(blocks: Iterable[Iterable[Finding]]) -> list[Finding]:
     """The 40 commonest findings of a recording's blocks.
 
     Those of one kind and markers are one, where the cameras of one are among those of the other. Markers that a block
-    never sees are told of the recording where no block sees them.
+    never sees are told of the recording where no block sees them, and that markers are never seen together where
+    most blocks say so.
     """
     blocks = _never_seen_in_any([list(block) for block in blocks])
+    apart = sum(any(f.kind is Kind.NEVER_TOGETHER for f in block) for block in blocks)
+    if 2 * apart <= len(blocks):
+        blocks = [[f for f in block if f.kind is not Kind.NEVER_TOGETHER] for block in blocks]
     found: list[list[Finding]] = []
     for one in (finding for block in blocks for finding in block):
         alike = [same for same in found if _alike(same[0], one)]
@@ -221,7 +249,7 @@ def _of_several(same: list[Finding]) -> Finding:
     first = same[0]
     others = number_of(len(same) - 1, "other block")
     text = f"{first.text} (and in {others}, with their own numbers)"
-    return Finding(kind=first.kind, text=text, alarm=first.alarm, cameras=first.cameras, markers=first.markers)
+    return replace(first, text=text, numbers={}, frames=())
 
 
 def listed(findings: Sequence[Finding], *, indent: str = "  ") -> list[str]:

@@ -1,7 +1,7 @@
 """What a skeleton states beyond markers and joints: axes, distances, outlines, strokes, feet, masses."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -21,6 +21,8 @@ Line = tuple[str, str]
 """A direction: from one marker to another."""
 
 
+LINES = {"forward": 'forward = ["PELVIS", "NECK"]', "left": 'left = ["SHOULDER_R", "SHOULDER_L"]'}
+"""How axes of the trunk are stated under ``[measures]``, with names of markers that readers replace."""
 Places = Mapping[str, tuple[float, float, float]]
 """Axes of a body: where three markers of it and more are in them, in metres."""
 SEQUENCE = "zyx"
@@ -135,6 +137,12 @@ class Measures:
     def masses(self) -> list[tuple[str, str, float, float]]:
         """First and last marker, kilograms and centre of each segment."""
         return [(s.start, s.end, 1e-3 * s.mass_g, s.centre) for s in self.segments.values()]
+
+    def and_of(self, other: "Measures") -> "Measures":
+        """What the other states, and of these what it does not; its ``up`` and ``ground``."""
+        both = {name: {**getattr(self, name), **getattr(other, name)} for name in ("strokes", "distances", "areas")}
+        first = {name: getattr(other, name) or getattr(self, name) for name in ("forward", "left", "feet", "chain")}
+        return replace(other, **both, **first)
 
     def uses(self) -> Iterator[tuple[str, str]]:
         """What uses which marker."""

@@ -4,18 +4,22 @@
 as columns. Nothing heavy is imported, as every command imports this.
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields
+from functools import wraps
+from inspect import Signature, cleandoc, signature
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar, overload
+
+from mocap.pixel_corner import PixelCorner
 
 if TYPE_CHECKING:
     from mocap.skeleton import Skeleton
 
 PathText = str | PathLike[str]
-PixelCorner = Literal["upper-left", "lower-left"]
-"""Of an image, that rows of pixels are counted from."""
 R = TypeVar("R")
 OPTION = "option"
 """Where a field's metadata have its ``Option``."""
@@ -124,6 +128,14 @@ class ReadOptions(FilmedOptions):
         default=None,
         metadata=stated(Path, "Stored 3D points to check. Default: xyzpts beside xypts.", flags=("--stored",)),
     )
+    point_sd_mm: float | None = field(
+        default=None,
+        metadata=stated(
+            float,
+            "SD of a coordinate of 3D positions without pixels. Default: as their file states it, else estimated.",
+            flags=("--point-sd",),
+        ),
+    )
     crop: PathText | Sequence[PathText] | None = field(
         default=None,
         metadata=stated(
@@ -204,3 +216,57 @@ def explained(one: Field[Any]) -> str:
 def part_of(record: type[R], whole: Any) -> R:
     """What a record of more options has of one of fewer."""
     return record(**{one.name: getattr(whole, one.name) for one in fields(record)})  # type: ignore[arg-type]
+
+
+Given = ParamSpec("Given")
+First = TypeVar("First")
+Second = TypeVar("Second")
+Options = TypeVar("Options", covariant=True)
+Made = TypeVar("Made")
+
+
+class _Taking(Protocol[Given, Options]):
+    """Makes a function of one or two things and a record one of these and the record's fields."""
+
+    @overload
+    def __call__(self, function: Callable[[First, Options], Made], /) -> Callable[Concatenate[First, Given], Made]: ...
+    @overload
+    def __call__(
+        self, function: Callable[[First, Second, Options], Made], /
+    ) -> Callable[Concatenate[First, Second, Given], Made]: ...
+
+
+def taking(record: Callable[Given, Options]) -> _Taking[Given, Options]:
+    """A function whose last argument is a record of options, as a function that has each option as an argument by name.
+
+    Its signature has the fields of the record, with their types and defaults, and its docstring what there is to say of
+    them (``mocap.options``), in place of the record.
+
+    Args:
+        record: A dataclass whose fields are given by name.
+    """
+    made: Callable[..., Options] = record
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        *leading, last = signature(function).parameters.values()
+        named = signature(record).parameters.values()
+        takes = Signature([*leading, *named], return_annotation=signature(function).return_annotation)
+
+        @wraps(function)
+        def call(*arguments: Any, **options: Any) -> Any:
+            given = takes.bind(*arguments, **options).arguments
+            return function(*[given.pop(one.name) for one in leading], made(**given))
+
+        del call.__wrapped__  # it has another signature
+        call.__signature__ = takes  # type: ignore[attr-defined]
+        call.__annotations__ = {one.name: one.annotation for one in takes.parameters.values()}
+        lines = [line for one in fields(record) if OPTION in one.metadata for line in _explained(one)]  # type: ignore[arg-type]
+        own = re.compile(rf"^    {last.name}: .*$", re.MULTILINE)
+        call.__doc__ = own.sub(lambda _: "\n".join(lines), cleandoc(function.__doc__ or ""))
+        return call
+
+    return decorate
+
+
+def _explained(one: Any) -> list[str]:
+    return wrap(f"{one.name}: {explained(one)}", 116, initial_indent="    ", subsequent_indent="        ")

@@ -102,6 +102,7 @@ class Source:
         calibration: What messages call the calibration, where it is given beside the tracks; None: it is not.
         unit: Unit of lengths, as stated.
         pixel_sd: Standard deviation of a pixel, as stated; None: estimated.
+        point_sd_mm: Standard deviation of a coordinate of a position, as stated; None: estimated, or as the file says.
         mm_per_px: Millimetres a pixel of one video without a calibration; None: its positions are pixels.
         unusual: What is unusual of the file, or not in it.
         bodies: Rigid bodies that the file states, with the places of their markers in their axes, in metres.
@@ -113,6 +114,7 @@ class Source:
     calibration: str | None = None
     unit: str | None = None
     pixel_sd: float | None = None
+    point_sd_mm: float | None = None
     mm_per_px: float | None = None
     unusual: tuple[str, ...] = ()
     bodies: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
@@ -151,6 +153,8 @@ class Recording:
         """Check what is stated."""
         if self.source.mm_per_px is not None and not self.planar:
             raise MocapError("`mm_per_px` is the scale of one video without a calibration: leave it out")
+        if self.source.point_sd_mm is not None and self.pixels is not None:
+            raise MocapError("`point_sd_mm` is the noise of 3D positions, but pixels are given: state `pixel_sd`")
 
     def __getitem__(self, kind: type[P]) -> P:
         """What a step found.

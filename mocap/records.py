@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Z95, Array, frozen, increasing, short_repr, unique
 from eal.over_time import OverTime, Time
-from mocap.options import PixelCorner as PixelCorner
+from mocap.pixel_corner import PixelCorner as PixelCorner
 
 BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 LEAST_LIKELIHOOD = 0.6

@@ -81,6 +81,13 @@ VARIABLES: Mapping[str, Variable] = {
     "unknown": Variable(
         SAMPLE, "", "track", "left empty: the 95 % interval is as wide as the animal is long (`unknown_samples`)", TRUTH
     ),
+    "departure": Variable(
+        ("keypoint",),
+        "m",
+        "track",
+        "RMS of what the track leaves positions by above their noise, in `covariance`",
+        FULL,
+    ),
     "nis": Variable(("time",), "", "track", "normalised innovation squared of each frame", {"least": 0.0}),
     "n_rows": Variable(("time",), "", "track", "scalar observations used in each frame", codes(2**31)),
     "log_likelihood": Variable(("time",), "", "track", "log density of a frame's observations given those before"),

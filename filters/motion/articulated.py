@@ -108,11 +108,13 @@ class ArticulatedMotion(PoseMotion):
             move.noise[slip, slip] = (1 - kept**2) * np.diag(np.repeat(self.slip_sd, 3) ** 2)
         return self._usual_moves[dt_s]
 
-    def further(self, at: Array, found: Array) -> Array | None:
-        """Where a joint turned by more than ``BENT_RAD``, so far that none turns by more than ``STEP_RAD``."""
+    def further(self, prior: Moments, at: Array, found: Array) -> Array | None:
+        """Also where a joint turned by more than ``BENT_RAD``, so far that none turns by more than ``STEP_RAD``."""
+        body = super().further(prior, at, found)
+        found = found if body is None else body
         before, after = self.angles(np.stack([at, found]))
         turned = float(np.abs(after - before).max())
-        return at + min(1.0, STEP_RAD / turned) * (found - at) if turned > BENT_RAD else None
+        return at + min(1.0, STEP_RAD / turned) * (found - at) if turned > BENT_RAD else body
 
     def angles(self, states: Array) -> Array:
         """(S, F) joint angles in radians."""

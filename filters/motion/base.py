@@ -114,8 +114,14 @@ class MotionModel(ABC):
     def view(self, mean: Array, frame: int) -> View:
         """The markers near the mean (..., n) of a state."""
 
-    def further(self, at: Array, found: Array) -> Array | None:  # noqa: ARG002
-        """Where to linearise the markers again; None: they are as good as linear between two means of a state, here."""
+    def further(self, prior: Moments, at: Array, found: Array) -> Array | None:  # noqa: ARG002
+        """Where to linearise the markers again; None: they are as good as linear between two means of a state, here.
+
+        Args:
+            prior: The state before what is known of the markers.
+            at: Mean about which they were linearised.
+            found: Mean of the posterior by that.
+        """
         return None
 
     def conditioned(
@@ -141,7 +147,7 @@ class MotionModel(ABC):
         at = state.mean
         found, more = update(first or Markers(state, self.view(at, frame)), None)
         for _ in range(10):
-            ahead = self.further(at, found.mean)
+            ahead = self.further(state, at, found.mean)
             if ahead is None:
                 break
             at = ahead
@@ -160,6 +166,10 @@ class MotionModel(ABC):
             The state, and how it came about.
         """
         return state, []
+
+    def shown(self, state: Smoothed, view: View, frame: int) -> tuple[Array, Array]:  # noqa: ARG002
+        """Mean (M, 3) and covariance (M, 3, 3) of the markers of a smoothed state of a frame; linear by its view."""
+        return view.mean, state.markers(view)
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Velocities of the markers, and how positions and velocities depend on the state; None: it has none, here.

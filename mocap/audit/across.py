@@ -46,6 +46,7 @@ class TrialFacts:
         unit: Unit of lengths, as read.
         mirrored: Whether its world is left-handed; None: it cannot be told.
         lengths_m: Median distance between two markers, by ``a|b`` in the order of their names.
+        long_m: Median over frames of the greatest distance between two markers, m; NaN: not known.
         step: Median way of a marker from frame to frame, over the median of ``lengths_m``.
         residual_px: Median reprojection error; NaN without cameras.
         camera_px: The same of each camera.
@@ -65,6 +66,7 @@ class TrialFacts:
     unit: str = ""
     mirrored: bool | None = None
     lengths_m: Mapping[str, float] = field(default_factory=dict)
+    long_m: float = float("nan")
     step: float = float("nan")
     residual_px: float = float("nan")
     camera_px: tuple[float, ...] = ()
@@ -117,7 +119,8 @@ def compared(trials: Sequence[TrialFacts]) -> dict[str, list[Finding]]:
     """What is odd of each trial beside the others of its session, by its name; worst first.
 
     A value is odd where more than half of all trials have another one together. Of two trials that differ both say so.
-    What was stated for one trial alone is not held against it.
+    What was stated for one trial alone is not held against it, nor what trials have that are of other things
+    (``_of_one_kind``).
     """
     found: dict[str, list[Finding]] = {one.name: [] for one in trials}
     for session in dict.fromkeys(one.session for one in trials):
@@ -125,9 +128,17 @@ def compared(trials: Sequence[TrialFacts]) -> dict[str, list[Finding]]:
         if len(some) > 1:
             for one in some:
                 others = [other for other in some if other is not one]
-                checks = (_rate, _hand, _size, _cameras, _residual, _noise, _seen, _markers)
-                found[one.name] += [finding for check in checks for finding in check(one, others)]
+                alike = [other for other in others if _of_one_kind(one, other)]
+                checks = (_rate, _hand, _size, _long, _cameras, _residual, _noise, _seen) if alike else ()
+                found[one.name] += [finding for check in checks for finding in check(one, alike)]
+                found[one.name] += _markers(one, others)
     return found
+
+
+def _of_one_kind(one: TrialFacts, other: TrialFacts) -> bool:
+    """Whether two trials may be of one rig or kind of animal: a marker, their number, or cameras in common."""
+    a, b = set(one.markers), set(other.markers)
+    return bool(a & b) or len(a) == len(b) or bool(set(one.cameras) & set(other.cameras))
 
 
 def _siblings(others: Sequence[Any]) -> str:
@@ -156,9 +167,31 @@ def _middle(values: Sequence[float], same: float) -> float:
     return middle if _most(near, len(values)) else float("nan")
 
 
+SAME_AS: Mapping[str, tuple[Kind, ...]] = {
+    "frame rate": (Kind.FRAME_RATE,),
+    "handedness": (Kind.MIRRORED_WORLD,),
+    "lag of cameras": (Kind.CAMERA_OFFSETS,),
+    "reprojection error": (
+        Kind.SHIFTED_PIXELS,
+        Kind.MIRRORED_PIXELS,
+        Kind.CAMERA_OFFSETS,
+        Kind.FOREIGN_CAMERA,
+        Kind.FOREIGN_CALIBRATION,
+        Kind.LARGE_RESIDUAL,
+    ),
+}
+"""What a trial's own files tell of the same fault."""
+
+
 def _odd(kind: str, text: str, *, alarm: bool, mends: tuple[str, ...] = (), **numbers: float) -> Finding:
-    numbers = {name: value for name, value in numbers.items() if isfinite(value)}
-    return Finding(kind=Kind.UNLIKE_SIBLINGS, text=f"{kind}: {text}", alarm=alarm, numbers=numbers, mends=mends)
+    return Finding(
+        kind=Kind.UNLIKE_SIBLINGS,
+        text=f"{kind}: {text}",
+        alarm=alarm,
+        numbers={name: value for name, value in numbers.items() if isfinite(value)},
+        mends=mends,
+        same_as=SAME_AS.get(kind, ()),
+    )
 
 
 def _rate(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
@@ -220,6 +253,22 @@ def _size(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
     why = "its calibration or its unit is another one" if named else "another animal, calibration or unit"
     text = f"{ends.rstrip()}: {why}: state `animal`, `unit` or `calibration`"
     return [_odd("size", text, alarm=bool(named) or factor > 5.0, mends=("unit", "calibration"), ratio=ratio)]
+
+
+def _long(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
+    """A length of the whole animal that the others do not have, though distances of the same markers agree."""
+    theirs = _middle([other.long_m for other in others], SAME_ANIMAL)
+    ratio = _middle([scale(one, other) for other in others], SAME_ANIMAL)
+    if not (isfinite(theirs) and isfinite(one.long_m) and isfinite(ratio)):
+        return []
+    if abs(log(one.long_m / theirs)) <= log(SAME_ANIMAL) or abs(log(ratio)) > log(SAME_ANIMAL):
+        return []
+    text = (
+        f"{1e3 * one.long_m:.3g} mm between its two most distant markers (median), {_siblings(others)} "
+        f"{1e3 * theirs:.3g}; distances between the same markers agree ({ratio:.2f} times), so that others of them are "
+        "seen together, as where a part of the animal is digitised: do not compare lengths of the whole"
+    )
+    return [_odd("length", text, alarm=False, long_m=one.long_m, others=theirs)]
 
 
 def _cameras(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
@@ -291,6 +340,8 @@ def _markers(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
         return []
     if not own & usual:
         text = f"{', '.join(sorted(own)[:6])}, {_siblings(others)} {', '.join(sorted(usual)[:6])}"
+        if len(own) != len(usual):
+            return [_odd("markers", f"{text}: other markers, or of another animal", alarm=False)]
         return [_odd("markers", f"{text}: give them the same names, by [aliases] of a skeleton", alarm=True)]
     lacks, more = sorted(usual - own), sorted(own - set(have))
     found = [f"lacks {', '.join(lacks[:8])}{', ...' if len(lacks) > 8 else ''}"] if lacks else []

@@ -158,6 +158,8 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
         options: What the user states about corners and image height, as ``mocap track`` takes it.
     """
     pixels, points, cameras = recording.pixels, recording.points, recording.cameras
+    if not recording.names:  # of angles, forces or cameras alone
+        pixels = points = None
     if pixels is None or not cameras or not _meet(pixels, cameras):
         found = [] if pixels is None else pixel_findings(pixels)
         found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)

@@ -152,6 +152,7 @@ def _two_calibrations(recordings: Sequence[FileContents]) -> str | None:
 
 _CONTAINED = {
     "points": "3D points",
+    "plane": "positions in a plane",
     "cameras": "calibrated cameras",
     "score": "scores of samples",
     "residual_px": "triangulation residuals in px",

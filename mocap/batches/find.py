@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 from math import inf
 from pathlib import Path
 from typing import Any, Literal
@@ -89,6 +90,7 @@ class Look:
         pixels: Whether it holds pixels that need a calibration beside them.
         cameras: Names of the cameras of a calibration; none where it cannot be read.
         one: Whether it holds pixels of one camera.
+        lens: Whether its cameras have lenses.
     """
 
     role: Role
@@ -96,6 +98,7 @@ class Look:
     pixels: bool = False
     cameras: tuple[str, ...] = ()
     one: bool = False
+    lens: bool = False
 
 
 NOTHING = Look(role="none")
@@ -157,7 +160,7 @@ def _look(path: Path, hints: Hints) -> Look:
         quiet = path.suffix.lower() == ".txt" or has_crops(path)
         return NOTHING if quiet else Look(role="unknown", format=str(error))
     if name in CALIBRATIONS:
-        return Look(role="calibration", format=name, cameras=camera_names(path))
+        return _calibration(path, name)
     if name in VIEWS:
         return Look(role="view", format=name, one=True)
     if name == "csv":
@@ -168,15 +171,24 @@ def _look(path: Path, hints: Hints) -> Look:
         return Look(role="none", format=name)
     if name not in TRACKS:
         return _by_content(path, name, hints)
-    pixels = name in PIXELS or (name in SPARSE and "xypts" in path.name.lower())
-    return Look(role="tracks", format=name, pixels=pixels, one=pixels and _is_of_one_camera(path, hints))
-
-
-def _is_of_one_camera(path: Path, hints: Hints) -> bool:
+    pixels = name in (*PIXELS, "dltdv-project") or (name in SPARSE and "xypts" in path.name.lower())
+    if not pixels:
+        return Look(role="tracks", format=name)
     try:
-        return len(read(path, hints).camera_names) == 1
-    except MocapError:
-        return False  # which tracking tells
+        found = read(path, hints)
+    except MocapError:  # which tracking tells
+        return Look(role="tracks", format=name, pixels=name != "dltdv-project")
+    alone, lens = len(found.camera_names) == 1, any(camera.lens is not None for camera in found.cameras)
+    return Look(role="tracks", format=name, pixels=not found.cameras, one=alone, lens=lens)
+
+
+def _calibration(path: Path, name: str) -> Look:
+    try:
+        found = read(path)
+    except MocapError:  # which tracking tells
+        return Look(role="calibration", format=name)
+    lens = any(camera.lens is not None for camera in found.cameras)
+    return Look(role="calibration", format=name, cameras=found.camera_names, lens=lens)
 
 
 def _by_content(path: Path, name: str, hints: Hints) -> Look:
@@ -232,6 +244,11 @@ _WHEN_OR_HOW = (
 """Words before a number that number something else than animals."""
 _ANIMAL = re.compile(rf"(?!({_WHEN_OR_HOW})[-_ ]?[0-9])[a-z]+[-_ ]?[0-9]{{1,3}}[a-z]?", re.IGNORECASE)
 """Another word and a number, as ``bat07``; four digits are a year or a time."""
+_TAG = re.compile(r"[0-9]{2,}[a-z]{1,2}[0-9]+", re.IGNORECASE)
+"""What rings and transponders are numbered by, as ``078A3``."""
+_MONTH = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
+_TIME = re.compile(rf"({_WHEN_OR_HOW})s?[-_ ]?[0-9]*|[-_. 0-9]*(({_MONTH})[a-z]*)?[-_. 0-9]+", re.IGNORECASE)
+"""Folders of a day, a session or the like: an animal may be in several of them."""
 
 
 def find_trials(
@@ -360,10 +377,19 @@ def _of_files(looked: "_Looked", files: Sequence[Path]) -> list[Trial]:
 def _with_animals(trials: Sequence[Trial], folders: Sequence[Sequence[str]]) -> list[Trial]:
     """The trials with the animal that their folders tell.
 
-    That is the uppermost folder called by a word and a number (``bat07``), but for words that number days, trials and
-    the like, if such folders of one name hold several trials somewhere: else they are the trials' own.
+    That is the uppermost folder called by a word and a number (``bat07``) or as a ring (``078A3``), but for words that
+    number days, trials and the like, if such folders of one name hold several trials somewhere: else they are the
+    trials' own. A name below several others that are no days (``F2`` of ``078A3`` and of ``FE404``) numbers trials.
     """
-    animals = [next(filter(_ANIMAL.fullmatch, names), "") for names in folders]
+    above: dict[str, set[str]] = defaultdict(set)
+    for names in folders:
+        for over, name in pairwise(names):
+            above[name.casefold()] |= set() if _TIME.fullmatch(over) else {over.casefold()}
+
+    def of(name: str) -> bool:
+        return bool(_ANIMAL.fullmatch(name) or _TAG.fullmatch(name)) and len(above[name.casefold()]) < 2
+
+    animals = [next(filter(of, names), "") for names in folders]
     if max(Counter(name.casefold() for name in animals if name).values(), default=0) < 2:
         return list(trials)
     return [replace(trial, animal=name) for trial, name in zip(trials, animals, strict=True)]
@@ -429,6 +455,8 @@ def _trial(looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], *,
             own[kind] = path
         skip = skip or trouble
     alone = len(paths) == 1 and looked.one_camera(paths[0])  # one video is tracked in the plane of its image
+    if alone or "profile" in own or any(looked.has_lens(Path(file)) for file in (paths[0], own.get("calibration", ""))):
+        own.pop("fit_lens", None)  # what is stated for all is for those without a lens
     if cameras and "calibration" not in own and not skip and not alone:
         skip = (
             "pixels without a calibration: none lies in its folder, in one called calibration, or above, up to "
@@ -530,6 +558,10 @@ class _Looked:
     def one_camera(self, path: Path) -> bool:
         """Whether a file holds pixels of one camera."""
         return any(path in there and there[path].one for there in self.at(path.parent).values())
+
+    def has_lens(self, path: Path) -> bool:
+        """Whether the cameras of a file that was looked at have lenses."""
+        return any(path in there and there[path].lens for there in self.seen.get(path.parent, {}).values())
 
     def folders(self, folder: Path) -> tuple[str, ...]:
         """The folders that are a part of the names of a folder's trials."""

@@ -10,11 +10,11 @@ from typing import Any
 from mocap.batches.beside import kinds_of
 from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, key_of, write_record
 from mocap.errors import MocapError, OutputError
-from mocap.findings import Finding, Kind, alarms
+from mocap.findings import Finding
 from mocap.io.contents import gaps
 from mocap.io.output import result_folder
 from mocap.progress import Tell, silent
-from mocap.reading.session import Siblings, facts_of
+from mocap.reading.session import Siblings, facts_of, own_findings
 from mocap.recording import LONG, Recording
 from mocap.records import Status
 from mocap.report.report import readable
@@ -72,8 +72,8 @@ def track_trial(
     except MocapError as error:
         return _failed(trial, " ".join(str(error).split()), key, out)
     tracked = _timeless(tracked)
-    row, beside = figures(tracked, trial), kinds_of(siblings)
-    record = Record(trial=trial.name, status="done", row=row, key=key, facts=facts, beside=beside)
+    row, beside, own = figures(tracked, trial), kinds_of(siblings), asking(tracked)
+    record = Record(trial=trial.name, status="done", row=row, key=key, facts=facts, beside=beside, found=own)
     with result_folder(out / trial.name, "track", replace=True, inputs=recording.inputs) as stage:
         tracked.write(stage, progress=progress, pictures=options.pictures)
         write_record(record, stage)
@@ -97,9 +97,14 @@ def _in_blocks(
         )
         found = _timeless(found)
         write_report(found, stage)
-        record = replace(record, row=figures(found, trial))
+        record = replace(record, row=figures(found, trial), found=asking(found))
         write_record(record, stage)
     return record
+
+
+def asking(tracked: Tracked) -> tuple[Finding, ...]:
+    """What its own files ask to be mended; the others tell of it what they are now, when the batch is summed up."""
+    return tuple(one for one in own_findings(tracked) if one.asks)
 
 
 def _failed(trial: Trial, error: str, key: str, out: Path) -> Record:
@@ -137,8 +142,6 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     score = validation["methods"].get(report["model"]["name"]) or validation["methods"].get("mixture") or {}
     first, last = report["tracked_frames"]
     inside = (last - first + 1) / report["frames"]
-    # what the others tell is told by all trials as they are now (``mocap.batches.summary.with_siblings``)
-    wrong = [" ".join(one.text.split()) for one in alarms(tracked.findings) if one.kind != Kind.UNLIKE_SIBLINGS]
     missing = {} if "blocks" in report else gaps((tracked.tracks.status == Status.MEASURED)[None])
     return basic_columns(trial) | {
         "frames": int(report["frames"]),
@@ -146,8 +149,6 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
         "cameras": len(report["cameras"]),
         "measured_percent": _rounded(100 * samples["measured"] / inside),  # of the tracked frames, as in the report
         "model": str(report["model"]["name"]),
-        "warnings": len(wrong),
-        "warning": " | ".join(wrong),
         "markers": len(report["markers"]),
         "gaps": missing.get("count"),
         "longest_gap_frames": missing.get("longest_frames"),

@@ -20,7 +20,7 @@ from mocap.batches.find import DATA
 from mocap.batches.trial import Record, some
 from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
-from mocap.findings import Finding
+from mocap.findings import Finding, alarms
 from mocap.io.csv_table import as_cell, from_cell
 from mocap.io.output import result_file
 
@@ -84,14 +84,14 @@ SHOWN = {
 
 def with_siblings(record: Record, told: Sequence[Finding]) -> Record:
     """A record whose row also has what it is compared by, and what the other trials tell of it."""
-    row, wrong = dict(record.row), [" ".join(one.text.split()) for one in told if one.alarm]
+    row = dict(record.row)
     if record.facts is not None:
         row |= {name: value(record.facts) for name, value in across.COLUMNS.items()}
     if told:
         row["unlike"] = " | ".join(" ".join(one.text.split()) for one in told)
-    if wrong:
-        row["warnings"] = len(wrong) + int(str(row.get("warnings") or 0))
-        row["warning"] = " | ".join(filter(None, [*wrong, str(row.get("warning") or "")]))
+    wrong = [" ".join(one.text.split()) for one in alarms([*told, *record.found])]
+    if wrong or (record.row and record.status == "done"):
+        row |= {"warnings": len(wrong), "warning": " | ".join(wrong)}
     return replace(record, row=row)
 
 

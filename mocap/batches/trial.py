@@ -18,10 +18,12 @@ from typing import Any, Literal, get_args
 from mocap.audit.across import TrialFacts
 from mocap.documents import decoded, from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError, shown_elsewhere
+from mocap.findings import Finding
 from mocap.io.crop import crops_beside
 from mocap.io.lines import not_split
 from mocap.io.manifest import PARTIAL, current_files, digest, locked
 from mocap.io.output import recovered, result_folder
+from mocap.json_records import record as of_json
 from mocap.options import ReadOptions, TrackOptions, options_of, stated
 from mocap.reading.reading import read
 from mocap.recording import Recording
@@ -302,6 +304,7 @@ class Record:
         key: What it was made of (``key_of``); empty where the failure was not of the data, and is to be tried again.
         facts: What it is compared with other trials by; None: it could not be read.
         beside: What it differed in from the others when it was tracked (``mocap.batches.beside.kinds_of``).
+        found: What is wrong in its own files, or left open.
     """
 
     trial: str
@@ -311,6 +314,7 @@ class Record:
     key: str = ""
     facts: TrialFacts | None = None
     beside: tuple[str, ...] = ()
+    found: tuple[Finding, ...] = ()
 
 
 def why_failed(error: BaseException) -> str:
@@ -393,7 +397,9 @@ def read_record(folder: Path) -> Record | None:
         kinds = {key: Entry(kind="s" if isinstance(row[key], str) else "f", needed=False) for key in row}
         checked(RECORD, row, kinds, again="")
         facts = None if found.get("facts") is None else TrialFacts.from_json(found["facts"])
-        record = Record(row=row, facts=facts, beside=tuple(map(str, found.get("beside", ()))), **entries)
+        beside = tuple(map(str, found.get("beside", ())))
+        own = tuple(of_json(Finding, one, RECORD) for one in found.get("found", ()))
+        record = Record(row=row, facts=facts, beside=beside, found=own, **entries)
     except (KeyError, OSError, TypeError, ValueError, FormatError):
         return None
     whole = record.status != "done" or RECORDING in files
@@ -402,7 +408,9 @@ def read_record(folder: Path) -> Record | None:
 
 def write_record(record: Record, folder: Path) -> None:
     """Write how a trial went into the folder of its result, as ``mocap.io.output.result_folder`` gives it."""
-    plain = asdict(replace(record, facts=None)) | {"facts": None if record.facts is None else record.facts.as_json()}
+    plain = asdict(replace(record, facts=None, found=()))
+    plain |= {"facts": None if record.facts is None else record.facts.as_json()}
+    plain |= {"found": [one.as_json() for one in record.found]}
     text = json.dumps(plain, indent=1, sort_keys=True, allow_nan=False)
     (folder / RECORD).write_text(text + "\n", encoding="utf-8")
 

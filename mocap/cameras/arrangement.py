@@ -27,6 +27,9 @@ Chosen: with it all planted changes are named and no clean recording (docs/exper
 FEWEST_SHARED = 8
 """Points that two cameras share at least if one is judged by or calibrated to the other: five determine an essential
 matrix (Nister 2004), three more tell whether they agree on it. Chosen."""
+STEP, MOST = 1.25, 10.0
+"""Heights that were guessed are refined by up to 15 %, so that steps of 25 % leave none out; guesses that differ by
+more than the other factor are none."""
 MIRRORS = ("u", "v", "uv")
 SHIFTS = ("+H", "-H", "+W", "-W")
 
@@ -94,7 +97,8 @@ def find_arrangement(cameras: Sequence[Camera], uv_px: Array, *, height_px: floa
     For up to six cameras every combination of mirrored axes (u, v, both), every set of cameras shifted by the height or
     the width of an image, and every order of the cameras is tried; groups of cameras that share no points (left and
     right pairs) are judged apart. Where image sizes are not known they are taken
-    from the principal point, and then found by the residual.
+    from the principal point, and then found by the residual; where principal points of coefficients disagree on the
+    height, one height for all is looked for between them.
 
     Args:
         cameras: The C cameras, lenses from the upper left.
@@ -104,6 +108,30 @@ def find_arrangement(cameras: Sequence[Camera], uv_px: Array, *, height_px: floa
     Returns:
         The change, or None: rays meet as they are, or no change makes them meet.
     """
+    found = _arranged(cameras, uv_px, height_px)
+    between = guessed_heights(cameras) if found is None and height_px is None else None
+    if between is None:
+        return found
+    low, high = between
+    tries = np.geomspace(low, high, 1 + int(np.ceil(np.log(high / low) / np.log(STEP))))
+    some = [one for height in tries if (one := _arranged(cameras, uv_px, float(height))) is not None]
+    if not some:
+        return None
+    best = min(some, key=lambda one: one.undone_px)
+    why = f"(that height was found: principal points put it at {low:.0f} to {high:.0f}; state `image_height_px`)"
+    return replace(best, change=f"{best.change} {why}")
+
+
+def guessed_heights(cameras: Sequence[Camera]) -> tuple[float, float] | None:
+    """Least and greatest image height that principal points suggest; None: a file states it, or they nearly agree."""
+    if any(camera.size_px is not None for camera in cameras):
+        return None
+    low, high = (float(most(_sizes(cameras, None)[:, 1])) for most in (np.min, np.max))
+    return (low, high) if 0 < STEP * low < high < MOST * low else None
+
+
+def _arranged(cameras: Sequence[Camera], uv_px: Array, height_px: float | None) -> Arrangement | None:
+    """The same with one image height, or with those of the principal points."""
     flat = uv_px.reshape(len(uv_px), -1, 2)
     parts = [
         _Part.of([cameras[c] for c in group], flat[group], height_px) for group in groups(np.isfinite(flat[..., 0]))

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_lens, stacked
@@ -188,6 +187,8 @@ def _fitted(lenses: Sequence[BrownLens], matrices: Array, uv: Array, start: Arra
     if len(start) == 1 and not start.any():
         grid = np.linspace(-0.4, 0.4, 9)
         start = np.array([min(grid, key=lambda k: float(np.median(np.abs(residual(np.array([k]))))))])
+    from scipy.optimize import least_squares
+
     return least_squares(
         residual, start, loss="cauchy", diff_step=1e-4, x_scale=0.1, xtol=1e-4, ftol=1e-6, max_nfev=20
     ).x

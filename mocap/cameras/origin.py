@@ -13,7 +13,14 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.calls import check_stated
-from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by_camera, find_arrangement
+from mocap.cameras.arrangement import (
+    BETTER,
+    LOOKED_AT_PX,
+    ArrangementError,
+    by_camera,
+    find_arrangement,
+    guessed_heights,
+)
 from mocap.cameras.camera import Camera, flipped, may_be_cropped, stacked, undistorted
 from mocap.cameras.triangulate import linear, median_miss, residual_px, spread_points
 from mocap.errors import CalibrationError, MocapError
@@ -201,10 +208,12 @@ def decide_origin(
                 f"the median triangulation residual is {best[0]:.0f} px: {cropped} (or the calibration does not "
                 "belong to these pixels)"
             )
+        guessed = None if height_px is not None else guessed_heights(cameras)
+        why = f": principal points put it at {guessed[0]:.0f} to {guessed[1]:.0f}" if guessed is not None else ""
         raise CalibrationError(
             f"the median triangulation residual is {best[0]:.0f} px: these pixels and this calibration do not fit "
             "together: check that they are of one session, that their cameras are in one order and count rows from one "
-            "corner (give `image_height_px` so that vertical flips are tried), and that a lens is not missing"
+            f"corner (give `image_height_px` so that vertical flips are tried{why}), and that a lens is not missing"
         )
     others = [t for t in allowed if not _same(t, best)]
     if others and others[0][0] < CLEARLY * best[0]:

@@ -254,7 +254,9 @@ def _lens_uncertainty(
 def _positions(recording: Recording, told: Sequence[Finding], first: int) -> Recording:
     """Positions, of which the noise is estimated where no covariance states it; ``told``: how they were read."""
     tracks, names, plane, skeleton = recording.tracks, recording.names, recording.plane, recording.skeleton
-    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks.xyz_m)), 1e-6)  # whatever a file says
+    given, shown = recording.source.point_sd_mm, position_sd(tracks.xyz_m)
+    own = np.where(tracks.sd_m > 0, tracks.sd_m, shown) if given is None else np.full_like(shown, 1e-3 * given)
+    sd = np.maximum(own, 1e-6)  # whatever a file says
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     swaps, _ = without_edited(named.swaps, recording.edited)
     xyz, sd = exchange(tracks.xyz_m, swaps), exchange(sd, swaps)
@@ -277,7 +279,7 @@ def _positions(recording: Recording, told: Sequence[Finding], first: int) -> Rec
             *odd,
             *(_sides(recording, xyz, ()) if plane is None else ()),
             *_rate(recording, xyz if plane is None else None),
-            sentences.position_noise(sd[tracks.seen], plane),
+            sentences.position_noise(sd[tracks.seen], plane, stated=given is not None),
             *jumps,
             *sentences.exchange_findings(swaps, doubtful, names, (), first=first),
             *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),

@@ -109,11 +109,12 @@ def compared_points(where: str, stale: Sequence[StalePoint], total: int) -> Find
     )
 
 
-def position_noise(sd_m: Array, plane: Plane | None) -> Finding:
+def position_noise(sd_m: Array, plane: Plane | None, *, stated: bool = False) -> Finding:
     """The (N,) standard deviations of positions that no camera explains, in space or in the plane of an image."""
     unit, of = ("mm", "positions without cameras: their") if plane is None else (plane.length, "their")
     median = 1e3 * float(np.median(sd_m))
-    text = f"{of} noise is taken from the file or estimated, {median:.3g} {unit} (median)"
+    from_where = "as stated" if stated else "taken from the file or estimated"
+    text = f"{of} noise is {from_where}, {median:.3g} {unit} (median)"
     return Finding(kind=Kind.POSITION_NOISE, text=text, numbers={f"median_{unit}": median})
 
 

@@ -83,8 +83,9 @@ def batch(
     from mocap.batches.summary import as_json as records_as_json
     from mocap.batches.summary import reasons, worst_first
 
+    stated = recording_options.arguments()
     if dry_run:
-        plan = planned(sources, out=out, limit_s=limit_s, **recording_options.arguments())
+        plan = planned(sources, out=out, limit_s=limit_s, **stated)
         path = write_plan(plan, out)
         say(*plan_lines(plan))
         say(
@@ -108,7 +109,7 @@ def batch(
             pictures=pictures,
             validate=validate,
             progress=tell,
-            **recording_options.arguments(),
+            **stated,
         )
     own = [record for record in found.records if record.trial in found.own]
     wrong = [

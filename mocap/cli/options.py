@@ -13,7 +13,8 @@ import typer
 from typer.core import TyperArgument, TyperCommand
 
 from mocap.cli.offered import offered
-from mocap.options import PixelCorner, ReadOptions, TrackOptions, flags_of, options_of
+from mocap.options import ReadOptions, TrackOptions, flags_of, options_of
+from mocap.pixel_corner import PixelCorner
 
 if TYPE_CHECKING:
     from mocap.io.format import Hints
@@ -79,6 +80,7 @@ SkeletonFile = Annotated[Path | None, shared("skeleton")]
 Edits = Annotated[Path | None, shared("edits")]
 EditsAnyway = Annotated[bool, shared("edits_anyway")]
 PixelSd = Annotated[float | None, shared("pixel_sd")]
+PointSd = Annotated[float | None, shared("point_sd_mm")]
 StoredPoints = Annotated[Path | None, shared("stored_points")]
 CorrectLag = Annotated[bool, shared("correct_lag")]
 FitLens = Annotated[bool, shared("fit_lens")]
@@ -138,6 +140,7 @@ PANELS = {
         "image_height_px": "PIXELS",
         "crop": "FILE",
         "pixel_sd": "PIXELS",
+        "point_sd_mm": "MM",
         "edits": "FILE",
         "edits_anyway": "",
         "stored_points": "FILE",
@@ -264,6 +267,7 @@ class RecordingOptions(CameraOptions):
     unit: Unit = None
     skeleton: SkeletonFile = None
     pixel_sd: PixelSd = None
+    point_sd_mm: PointSd = None
     edits: Edits = None
     edits_anyway: EditsAnyway = False
     stored_points: StoredPoints = None

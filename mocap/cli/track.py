@@ -134,7 +134,7 @@ def on_disk(tracks: list[Path], options: RecordingOptions, blocks: int | None) -
 
     if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
         return None
-    if options.calibration is not None or options.fps is not None or options.unit is not None:
+    if any(one is not None for one in (options.calibration, options.fps, options.unit, options.point_sd_mm)):
         return None
     try:
         frames = LongTable(tracks[0]).n_frames

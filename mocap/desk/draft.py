@@ -16,6 +16,7 @@ from mocap.desk.pictures import Pictures, listed, pictures_of
 from mocap.documents import from_toml
 from mocap.errors import MocapError
 from mocap.io.output import result_file
+from mocap.proposing.propose_measures import with_measures
 from mocap.proposing.propose_skeleton import propose_skeleton
 from mocap.reading.ideal_pixels import of_one_camera
 from mocap.recording import Recording
@@ -24,6 +25,8 @@ from mocap.text import number_of
 
 _NO_MARKER = ("up", "ground", "sequence", "functional")
 """Entries of ``[measures]`` whose texts are no markers."""
+_LINES = ("forward", "left")
+"""Those that are one direction."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -81,7 +84,7 @@ class Draft:
             "trunk": [number[name] for name in self.skeleton.trunk if name in number],
             "joints": {name: three for name, three in ends if three},
             "bodies": {name: list(members) for name, members in self.skeleton.bodies.items()},
-            "measures": [[kind, str(name), _text_of(entry, name)] for kind, entry in measures for name in entry],
+            "measures": [row for kind, entry in measures for row in _rows_of(kind, entry)],
             "dropped": [],
             "cameras": [] if self.pictures is None else list(self.recording.camera_names),
             "frame": int(seen.sum(axis=1).argmax()),
@@ -107,6 +110,25 @@ class Draft:
         names = self.changed(**drawn).renamed(self.recording.names)
         self.skeleton = propose_skeleton(self.recording, names=names).skeleton
         return f"proposed: {self._counts}: check and correct them"
+
+    def measure(self, **drawn: Any) -> str:
+        """Add the strokes, feet, spans and axes of the trunk that the drawn limbs show; what is stated stays.
+
+        Raises:
+            MocapError: no trunk or no limbs are drawn, or points are in an image.
+        """
+        skeleton = self.changed(**drawn)
+        if self.recording.plane is not None or of_one_camera(self.recording):
+            raise MocapError("measures are proposed of positions in space: state them in the skeleton's file")
+        if not skeleton.trunk or not skeleton.bones:
+            raise MocapError("measures are of limbs that leave the trunk: draw its points (t) and bones (b) first")
+        points = [i for i, name in enumerate(drawn["names"]) if name]
+        self.skeleton = with_measures(skeleton, self.recording.t_s, self.xyz[:, points])
+        known, new = skeleton.measures, self.skeleton.measures
+        added = [name for name in vars(new) if getattr(new, name) != getattr(known, name)]
+        lacks = [name for name in _LINES if new.strokes and not getattr(new, name)]
+        said = f"added {', '.join(added)}: check them" if added else "no limb moves in cycles: nothing was added"
+        return said + (f"; strokes need {' and '.join(lacks)} of the trunk, in the skeleton's file" if lacks else "")
 
     def mirror(self, **drawn: Any) -> str:
         """Give both sides what one of them has."""
@@ -154,6 +176,8 @@ class Draft:
         out = {}
         for kind, entry in table.get("measures", {}).items():
             gone = {name for of, name in dropped if of == kind}
+            if kind in _LINES and kind in gone:
+                continue
             if isinstance(entry, Mapping):
                 out[kind] = {name: value for name, value in entry.items() if name not in gone}
             else:
@@ -175,9 +199,15 @@ class Draft:
         )
 
 
-def _text_of(entry: Any, name: str) -> str:
-    value = entry[name] if isinstance(entry, Mapping) else ""
-    return ", ".join(str(part) for part in value) if isinstance(value, list) else ""
+def _rows_of(kind: str, entry: Any) -> list[list[str]]:
+    """Kind, name and markers of what can be left out."""
+    if kind in _LINES:
+        return [[kind, kind, ", ".join(entry)]]
+    texts = {name: entry[name] if isinstance(entry, Mapping) else "" for name in entry}
+    return [
+        [kind, str(name), ", ".join(map(str, value)) if isinstance(value, list) else ""]
+        for name, value in texts.items()
+    ]
 
 
 def _renamed(entry: Any, names: Mapping[str, str], key: str = "") -> Any:

@@ -217,6 +217,7 @@ def desk_page(desk: Desk) -> Starlette:
             reads("/points", _Seen, lambda at: desk.drawing().places(at.frame, at.camera)),
             task("/sketch", _Seen, sketched),
             writes("/propose", _Drawn, drawing(lambda **drawn: desk.drawing().propose(**drawn))),
+            writes("/measure", _Drawn, drawing(lambda **drawn: desk.drawing().measure(**drawn))),
             writes("/mirror", _Drawn, drawing(lambda **drawn: desk.drawing().mirror(**drawn))),
             writes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**_own(given))),
             writes("/state", _Answer, lambda given: desk.state(given.trial or "", given.name, given.value)),

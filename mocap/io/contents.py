@@ -158,6 +158,11 @@ class FileContents:
         }
         return replace(self, **kept)
 
+    def without_markers(self) -> FormatError:
+        """Why there is nothing to track or to write, of a file that holds no marker."""
+        why = "; ".join((*self.findings, "give a file of pixels or positions"))
+        return FormatError(f"{self.paths[0].name}: contains no markers ({self.format}): {why}")
+
     def frames_from_0(self) -> NDArray[np.int64]:
         """(T,) numbers of the frames as video programs count them: 0 at time 0."""
         tracks = self.pixels if self.points is None else self.points
@@ -401,10 +406,11 @@ def summary(recording: FileContents) -> dict[str, Any]:
     in_frames, of_markers = np.any(tracks, axis=(0, 2)), np.any(tracks, axis=(0, 1))
     lost = [name for name, any_seen in zip(recording.names, of_markers, strict=True) if sampled and not any_seen]
     px = recording.pixels is not None or (recording.lenses and not recording.cameras)
-    px = px and recording.plane_mm is None
-    px = px and recording.plane_mm is None
+    plane = recording.plane_mm is not None
+    px = px and not plane
     there = {
-        "pixels": recording.pixels is not None,
+        "pixels": recording.pixels is not None and not plane,
+        "plane": plane,
         "points": recording.points is not None,
         "cameras": bool(recording.cameras),
         "lenses": bool(recording.lenses),

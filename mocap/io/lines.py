@@ -344,6 +344,11 @@ def even_times(
         FormatError: times do not increase, and no rounding explains it, or nobody states the rate.
     """
     count = np.arange(len(t_s), dtype=np.float64) if frames is None else frames - frames[0]
+    if _are_days(t_s):
+        t_s = 86400 * (t_s - t_s[0])
+        steps = np.diff(t_s)
+        fps = count[-1] / t_s[-1] if np.ptp(steps) <= 0.5 * np.median(steps) else 1 / float(np.median(steps))
+        return t_s, round(fps, 2), ["times are days, as spreadsheets store dates: read as seconds from the first"]
     steps = np.diff(t_s)
     uneven = len(steps) > 0 and not (steps.min() > 0 and np.ptp(steps) <= 0.5 * np.median(steps))
     if not uneven:
@@ -370,6 +375,15 @@ def even_times(
         rate,
         [f"times are rounded to {digit:g} s: frames are even, {rate:g} a second ({least:.6g} to {most:.6g} fit)"],
     )
+
+
+def _are_days(t_s: Array) -> bool:
+    """Whether times are dates of a spreadsheet (45,000 days are in 2023), of frames that are less than 2 s apart.
+
+    As seconds they would be more than 50,000 frames a second, half a day after the start.
+    """
+    steps = np.diff(t_s)
+    return bool(len(steps) and t_s[0] > 30_000 and t_s[-1] < 80_000 and steps.min() > 0 and np.median(steps) < 2e-5)
 
 
 def _rounds(t_s: Array, count: Array, step_s: float, digit: float) -> bool:

@@ -58,15 +58,15 @@ def _read(path: Path, hints: Hints) -> FileContents:
     """
     header, values = read_table(path, header=has_titles(path))
     header = header or [str(c + 1) for c in range(values.shape[1])]
-    plain, unit = _without_unit(header)
+    plain, unit = without_unit(header)
     columns = dict(hints.columns)
     rest: list[str] = []
-    if not columns and (columns := _by_titles(plain) or _counted(plain, values)):
-        header = plain
-    elif not columns:
-        columns, rest = _among_others(plain)
+    if not columns:
+        columns, rest = _places(_by_titles(plain) or _counted(plain, values)) or _among_others(plain)
         header = plain if columns else header
     if not columns:
+        if twice := [title for title in dict.fromkeys(header) if title and header.count(title) > 1]:
+            raise FormatError(f"{path.name}: the column {twice[0]!r} stands twice: rename one, so that markers differ")
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
         raise FormatError(
             f"{path.name}: a plain table of {len(header)} columns ({shown}) in no known format (DLTdv, Argus, "
@@ -97,7 +97,7 @@ def seconds_of(title: str) -> float | None:
     return time_unit_s(match["unit"]) if match["unit"] else 1.0
 
 
-def _without_unit(header: list[str]) -> tuple[list[str], str | None]:
+def without_unit(header: list[str]) -> tuple[list[str], str | None]:
     """Titles without the unit that coordinates have in theirs, ``tip X (mm)``, and that unit if all have one."""
     found = [_UNIT.fullmatch(title) for title in header]
     units = {match["a"] or match["b"] for match in found if match}
@@ -141,6 +141,28 @@ _NO_MARKER = re.compile(
     re.IGNORECASE,
 )
 """Names of forces, moments, speeds and angles, which have x, y and z, too, but are no places."""
+
+
+def _places(columns: dict[str, tuple[str, ...]]) -> tuple[dict[str, tuple[str, ...]], list[str]] | None:
+    """The map without what is no place (forces, speeds, ...), and its titles; None where there is nothing else.
+
+    A name of one letter is that of a marker where all titles are written so: ``F_x`` beside ``nose_x``, ``Fx`` beside
+    ``Ax``. Forces are ``Fx`` beside ``nose_x`` or ``hipx``, and ``F`` and ``M`` both beside longer names.
+    """
+    special = {name: columns[name] for name in ("time", "frame") if name in columns}
+    markers = {name: cells for name, cells in columns.items() if name not in special}
+    style = {name: (cells[0][:-1].replace(name, "", 1), cells[0][-1].isupper()) for name, cells in markers.items()}
+    letters = {name for name in markers if re.fullmatch(r"[fmtva]|f\d+", name, re.IGNORECASE)}
+    letters |= {name for name in markers if name[0] in "mM" and {"F" + name[1:], "f" + name[1:]} & letters}
+    others = {name for name in markers if name not in letters and not _NO_MARKER.fullmatch(name)}
+    forces = {name for name in letters if others and style[name] not in {style[one] for one in others}}
+    if not others and all(name[0] in "FM" and not style[name][0] for name in letters):
+        forces = letters  # Fx, Fy, Fz, Mx, ...: the columns of a plate
+    if others and min(map(len, others)) > 1:
+        forces |= {"F", "M"} if {"F", "M"} <= letters else {name for name in letters & {"F", "M"} if not style[name][0]}
+    places = {name: cells for name, cells in markers.items() if name in others | letters - forces}
+    rest = [title for name in markers if name not in places for title in markers[name]]
+    return (special | places, rest) if places else None
 
 
 def _among_others(header: list[str]) -> tuple[dict[str, tuple[str, ...]], list[str]]:

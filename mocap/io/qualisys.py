@@ -124,6 +124,9 @@ def read_tsv(path: Path, _hints: Hints) -> FileContents:
         count = 1.0 + np.arange(len(values))
         values = np.column_stack([count, (count - 1) / fps, values])
     t_s = (values[:, 0] - 1) / fps
+    if t_s[0] > 0 == values[0, 1]:  # a part that was cut out, whose times begin anew
+        findings.append(f"Time begins at 0 in frame {values[0, 0]:g}: times are those of the frames")
+        values[:, 1] += t_s[0]
     off = np.flatnonzero(~(np.abs(t_s - values[:, 1]) < 0.5 / fps))
     if len(off):
         raise FormatError(

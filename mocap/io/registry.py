@@ -36,11 +36,13 @@ from mocap.io import (
     sleap,
     tables,
     tables_long,
+    tidy,
     trc,
     video_tables,
     xmalab,
 )
 from mocap.io.contents import FILLED, FileContents
+from mocap.io.crop import has_crops
 from mocap.io.elsewhere import formats_elsewhere
 from mocap.io.format import Format, Head, Hints, head
 from mocap.io.plausible import plausible
@@ -197,14 +199,14 @@ FORMATS = (
         bouguet,
     ),
     *_each(not_read, keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
-    *_each(plain.typed_pixels, xmalab, argus),
+    *_each(tidy, plain.typed_pixels, xmalab, argus),
     *formats_elsewhere(),
     plain.CSV,
 )
 """In the order in which they are asked: where two know a file, the first is right."""
 BESIDE = ("easymocap", "opencap")
 """Formats whose readers look at the file's place: what lies beside it, or its folder's name."""
-OF_WORDS = ("sleap-csv",)
+OF_WORDS = ("sleap-csv", "rows-of-markers")
 """Formats whose tables hold words that mean something: laid out anew they would lose them."""
 NANOMETRE = 1e-9  # the last digit that is written
 Result = TypeVar("Result")
@@ -292,6 +294,8 @@ def _identify(path: Path, hints: Hints) -> Format:
         ".mov",
     ):
         raise FormatError(f"{path.name}: is a video, in which nothing is digitised yet: mocap digitise does that")
+    if has_crops(path):
+        raise FormatError(f"{path.name}: crop offsets of a cropped video: give them as `crop`, with the video's pixels")
     near = "; ".join(f"{format.title} (`format` {format.name})" for format in nearest(beginning, FORMATS))
     raise FormatError(
         f"{path.name}: {looks_like(beginning)}: not a known format. Nearest are {near}. If it is a table, state what "
@@ -359,7 +363,8 @@ def parts(recording: FileContents) -> dict[str, str]:
     """What a recording holds, and how to call it."""
     found = {}
     if recording.pixels is not None:
-        found["pixels"] = f"pixels of {len(recording.camera_names)} cameras"
+        plane = recording.plane_mm is not None
+        found["pixels"] = "positions in a plane" if plane else f"pixels of {len(recording.camera_names)} cameras"
         if recording.pixel_origin is not None:
             found["pixel_origin"] = f"the corner that pixel rows are counted from ({recording.pixel_origin})"
     if recording.points is not None:
@@ -419,9 +424,11 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
     contents = parts(recording)
     if not format.holds & contents.keys() & {"pixels", "points", "cameras", "lenses", "transforms", "quantities"}:
         there = ", ".join(contents.values()) or "nothing"
+        advice = ": triangulate first: mocap triangulate" if "pixels" in contents and "points" in format.holds else ""
+        if recording.plane_mm is not None:
+            advice = ": they are a table already, and mocap track writes them in metres"
         raise FormatError(
-            f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})"
-            + (": triangulate first: mocap triangulate" if "pixels" in contents and "points" in format.holds else "")
+            f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})" + advice
         )
     for need in sorted(format.needs - contents.keys() - ({"unit"} if "quantities" in contents else set())):
         option = {"fps": "the frame rate (give `fps`)", "unit": "the unit of lengths (give `unit`)"}[need]

@@ -186,7 +186,11 @@ _HELD = frozenset({"points", "first_frame", "frame_numbers", "pixels", "fps", "u
 CSV_LONG = Format(
     name="csv-long",
     title="mocap's CSV, one row for each sample (frame, marker, ...)",
-    knows=lambda head: head.cells()[:1] == ("frame",) and "marker" in head.cells(),
+    knows=lambda head: (
+        head.cells()[:1] == ("frame",)
+        and "marker" in head.cells()
+        and bool({"origin", "seen", "x_m"} & {*head.cells()})
+    ),
     read=_read_csv,
     write=_write_csv,
     holds=_HELD,

@@ -307,6 +307,8 @@ def convert_files(
     format = writer(out, to)
     hints = replace(hints, fps=fps)
     recording = joined([read(path, hints) for path in files]) if contents is None else contents
+    if not (recording.names or recording.cameras or recording.bodies):
+        raise recording.without_markers()
     recording = recording if fps is None else recording.with_rate(fps)
     recording = recording if unit is None else recording.with_unit(unit)
     remarks = write(recording, out, format.name, filled=filled)

@@ -23,7 +23,7 @@ from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text
 
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
-_WITH_COMMA = rf"([+-]?\d*),(\d+{_EXPONENT})"
+_WITH_COMMA = rf"([+-]?(?:\d+:)*\d*),(\d+{_EXPONENT})"
 _WITH_POINT = rf"[+-]?(?=[\d.,]*\d)[\d,]*\.[\d.,]*{_EXPONENT}"
 _MISSING = "|".join(map(re.escape, MISSING_WORDS))
 _NUMBER = re.compile(rf'\s*"?\s*([+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|{_MISSING})\s*"?\s*', re.ASCII)
@@ -31,6 +31,9 @@ _COUNTED = re.compile(rf"{FRAMES}|t|t_s|time|time_s|seconds|(camera|cam|view)[ _
 """Titles of a first column that has a number in every row: frames, times, numbers of cameras, coefficients of one."""
 
 _QUOTED = re.compile(r'(?m)(^|,)"([^",\n]*)"(?=,|$)')
+_WITH_COMMAS = re.compile(r'(?m)(^|,)"\s*([+-]?[\d.]*,[\d.,]*\d(?:[eE][+-]?\d+)?)\s*"(?=,|$)', re.ASCII)
+_MINUS, _BLANKS = "\u2212", "\u00a0\u202f"
+"""The typographic minus of Scandinavian locales, and what French ones put between thousands."""
 _SEP = re.compile(r'"?sep=."?[;,\t ]*\n', re.IGNORECASE)
 """What a spreadsheet takes for its separator, before the titles."""
 _ROW = re.compile(r'("[^"]*"|[^",]*)(,("[^"]*"|[^",]*))+')
@@ -124,6 +127,7 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
                 not numbered
                 and not is_utf16(start)
                 and is_utf8(_blocks(stream))
+                and not any(sign.encode() in block for block in _blocks(stream) for sign in _MINUS + _BLANKS)
                 and _is_plain(stream, Head(path, start), knows)
             ):
                 return None, ()
@@ -138,6 +142,8 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
     if hint := _SEP.match(text):
         text = text[hint.end() :]
         notes = (*notes, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
+    text, spelt = _ascii_numbers(text)
+    notes = (*notes, *spelt)
     head = Head(path, text[:LENGTH].encode())
     separator = _separator(head.lines)
     if separator == ";":
@@ -147,12 +153,26 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
     else:
         separators = ()
     if _all_quoted(head.lines):
+        text, quoted = _quoted_commas(text)
+        separators = (*separators, *quoted)
         text = _QUOTED.sub(r"\1\2", text)
     text, left = _trimmed(text)
     if not text.endswith("\n"):
         left = (*left, _whole_end(path, text))
         text += "\n"
     return _without_row_numbers(path, text, (*notes, *separators, *left), named)
+
+
+def _ascii_numbers(text: str) -> tuple[str, tuple[str, ...]]:
+    """A text whose numbers have the minus sign of ASCII, and no narrow or hard blanks between thousands."""
+    notes = ()
+    if _MINUS in text:
+        text = re.sub(rf"{_MINUS}(?=[\d.,])", "-", text)
+        notes = (f"numbers have the sign {_MINUS} (U+2212): read as a minus",)
+    if any(blank in text for blank in _BLANKS):
+        text, count = re.subn(rf"(?<=\d)[{_BLANKS}](?=\d{{3}}(?!\d))", "", text)
+        notes += ("numbers have blanks between thousands: left out",) if count else ()
+    return text, notes
 
 
 def _is_json(text: str) -> bool:
@@ -170,6 +190,22 @@ def _all_quoted(lines: Sequence[str]) -> bool:
     """Whether lines are rows of cells with commas, of which some are quoted: no JSON, no settings."""
     rows = [line for line in lines if line.strip()]
     return any('"' in row for row in rows) and all(map(_ROW.fullmatch, rows))
+
+
+def _quoted_commas(text: str) -> tuple[str, tuple[str, ...]]:
+    """Numbers in quotes without the commas between their thousands, where a decimal point says that they are that.
+
+    Decimal commas in quotes are read where tables are laid out anew (``title_rows``); 1,234 alone may be either.
+    """
+    cells = [match[2] for match in _WITH_COMMAS.finditer(text)]
+    if not any("." in cell for cell in cells):
+        return text, ()
+    if not all(re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", cell) for cell in cells):
+        return text, ()
+    text = _WITH_COMMAS.sub(lambda match: match[1] + match[2].replace(",", ""), text)
+    return text, (
+        f"numbers in quotes have commas between thousands: {cells[0]} is read as {cells[0].replace(',', '')}",
+    )
 
 
 def _whole_end(path: Path, text: str) -> str:
@@ -237,7 +273,7 @@ def _separator(lines: Sequence[str]) -> str:
 def _may_hold_comma(cell: str) -> bool:
     """Whether a cell is a number, if perhaps a wrong one, or a text in quotes."""
     cell = cell.strip()
-    return not cell.strip("0123456789+-.,eE") or (len(cell) > 1 and cell[0] == cell[-1] == '"')
+    return not cell.strip("0123456789+-.,eE:") or (len(cell) > 1 and cell[0] == cell[-1] == '"')
 
 
 def _cell(pattern: str, separator: str) -> re.Pattern[str]:
@@ -248,7 +284,7 @@ def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
     """A text with semicolons between its cells as one with commas and decimal points."""
     note = "cells are separated by semicolons"
     if found := _decimal_comma(text, ";"):
-        if point := _cell(_WITH_POINT, ";").search(text) if "." in text else None:
+        if point := _with_point(text, ";"):
             line = text.count("\n", 0, point.end()) + 1
             raise FormatError(
                 f"{path.name}: line {line}: {point[0].strip(chr(34) + '; ')!r} has a decimal point (or one between "
@@ -265,7 +301,7 @@ def _tabs(path: Path, text: str, knows: Knows) -> tuple[str, tuple[str, ...]]:
     """A text with tabs between its cells as one with decimal points; with commas in place of tabs that none knows."""
     notes = []
     found = _decimal_comma(text, "\t")
-    if found and not ("." in text and _cell(_WITH_POINT, "\t").search(text)):
+    if found and not _with_point(text, "\t"):
         notes = [f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
         text = _with_points(text, "\t")
     table = not knows(Head(path, text[:LENGTH].encode()))
@@ -277,6 +313,13 @@ def _tabs(path: Path, text: str, knows: Knows) -> tuple[str, tuple[str, ...]]:
 
 def _decimal_comma(text: str, separator: str) -> re.Match[str] | None:
     return _cell(_WITH_COMMA, separator).search(text) if "," in text else None
+
+
+def _with_point(text: str, separator: str) -> re.Match[str] | None:
+    """A number with a decimal point, from the first line of numbers on: titles above may state a rate or a clock so."""
+    row = re.compile(rf"(?m)^(?=.*{separator})[0-9eE+.,{separator} \"-]+$")
+    first = row.search(text) if "." in text else None
+    return _cell(_WITH_POINT, separator).search(text, first.start()) if first else None
 
 
 def _with_points(text: str, separator: str) -> str:

@@ -24,7 +24,7 @@ from mocap.kinematics.delta import (
 from mocap.kinematics.points import BODY, MASS, rate_points_for
 from mocap.kinematics.records import Kinematics, Quantity, without_unknown_angles
 from mocap.kinematics.stroke import stroke_quantities
-from mocap.measures import AXES, SEQUENCE, JointAxes
+from mocap.measures import AXES, LINES, SEQUENCE, JointAxes
 from mocap.sides import LEFT, RIGHT, TRUNK, side_of
 from mocap.skeleton import Joint, Skeleton
 
@@ -76,8 +76,10 @@ def _notes(motion: Motion, skeleton: Skeleton) -> Iterator[str]:
         )
     if not skeleton.joints and not skeleton.body_joints:
         yield "the skeleton has no joints: there are no angles; `mocap skeleton` proposes some"
-    if measures.forward is None:
-        yield "the skeleton states no `forward` under [measures]: there is no yaw, pitch and roll"
+    lost = {"forward": "yaw, pitch and roll", "left": "roll"}
+    name = next((name for name in lost if getattr(measures, name) is None), None)
+    if name is not None:
+        yield f"the skeleton states no `{name}` under [measures]: there is no {lost[name]}: add {LINES[name]}"
     if not measures.segments:
         yield "the skeleton states no masses of segments under [measures.segments]: there is no centre of mass"
 

@@ -16,7 +16,7 @@ from mocap.kinematics import angles
 from mocap.kinematics.cycle_checks import checked, seen_samples
 from mocap.kinematics.records import COUNTED, Cycle, Kinematics
 from mocap.kinematics.stroke import analytic
-from mocap.measures import AXES
+from mocap.measures import AXES, LINES
 from mocap.skeleton import Skeleton
 from mocap.text import number_of
 
@@ -78,8 +78,7 @@ def why_none(skeleton: Skeleton, found: Kinematics, rows: Sequence[Cycle]) -> li
     out = []
     without_axes = [name for name in ("forward", "left") if getattr(measures, name) is None]
     if measures.strokes and without_axes:
-        lines = {"forward": 'forward = ["PELVIS", "NECK"]', "left": 'left = ["SHOULDER_R", "SHOULDER_L"]'}
-        state = " and ".join(lines[name] for name in without_axes)
+        state = " and ".join(LINES[name] for name in without_axes)
         out.append(
             f"strokes of {', '.join(measures.strokes)} are angles in axes of the trunk, which the skeleton does not "
             f"state: add under [measures] {state}, with markers of yours"

@@ -1,6 +1,8 @@
 """Strokes, feet and spans that a recording's cycles show: a first table ``[measures]`` of a skeleton."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,7 +10,9 @@ from eal.arrays import Array
 from mocap.filters.body_axes import body_frames
 from mocap.filters.poses import FEWEST_FRAMES, MarkerTrial
 from mocap.filters.whittaker import fastest_hz
-from mocap.measures import Measures
+from mocap.measures import Line, Measures
+from mocap.sides import LEFT, other_side, side_of
+from mocap.skeleton import Skeleton
 
 
 def proposed_measures(
@@ -35,11 +39,64 @@ def proposed_measures(
     apart = {(a, b): np.linalg.norm(trial.xyz_m[:, a] - trial.xyz_m[:, b], axis=-1) for a, b in pairs}
     spans = {pair: float(np.nanmax(length)) for pair, length in apart.items() if cycle_frames(length)}
     wide = max(spans, key=lambda pair: spans[pair], default=None)
+    forward, left = ahead(names, trial.xyz_m, trunk), leftwards([names[m] for m in trunk])
     return Measures(
+        forward=forward if strokes else None,
+        left=left if strokes else None,
         strokes=strokes,
         feet=tuple(names[foot] for foot in feet),
         distances={} if wide is None else {"span": (names[wide[0]], names[wide[1]])},
     )
+
+
+def with_measures(skeleton: Skeleton, t_s: Array, xyz_m: Array) -> Skeleton:
+    """A skeleton with the measures that its limbs show beside those that it states.
+
+    Args:
+        skeleton: With bones and a trunk.
+        t_s: (T,) times.
+        xyz_m: (T, M, 3) positions of its markers, in their order.
+    """
+    names = skeleton.markers
+    trial = MarkerTrial(name=skeleton.name, t_s=t_s, xyz_m=xyz_m, sd_m=np.zeros(xyz_m.shape[:2]))
+    bones = [(names.index(bone.a), names.index(bone.b)) for bone in skeleton.bones]
+    found = proposed_measures(names, trial, bones, [names.index(name) for name in skeleton.trunk])
+    return replace(skeleton, measures=found.and_of(skeleton.measures))
+
+
+def leftwards(names: Sequence[str]) -> tuple[str, str] | None:
+    """The first markers that names call the two sides of one thing: from right to left; None: there are none."""
+    pairs = [(other_side(name), name) for name in names if side_of(name) == LEFT]
+    return next((pair for pair in pairs if pair[0] in names), None)
+
+
+def ahead(names: Sequence[str], xyz_m: Array, trunk: Sequence[int]) -> Line | None:
+    """Two markers of the trunk, from hind to front: along its way, if that is longer than it is twice over.
+
+    Of pairs that point along the way in every fifth of it to 25 degrees in the mean, the longest; None: there is none.
+    """
+    own = xyz_m[:, list(trunk)]
+    seen = np.flatnonzero(np.isfinite(own).all(axis=(1, 2)))
+    if len(seen) < FEWEST_FRAMES or len(trunk) < 2:
+        return None
+    middle = own[seen].mean(axis=1)
+    size = float(np.linalg.norm(np.ptp(own[seen] - middle[:, None], axis=1), axis=-1).mean())
+    if np.linalg.norm(middle[-1] - middle[0]) < 2 * size:
+        return None
+    ends = np.linspace(0, len(seen) - 1, 6).astype(int)
+    found: dict[tuple[int, int], float] = {}
+    for a, b in ((a, b) for a in range(len(trunk)) for b in range(len(trunk)) if a != b):
+        away = own[seen, b] - own[seen, a]
+        cosines = []
+        for start, stop in pairwise(ends):
+            way, line = middle[stop] - middle[start], away[start : stop + 1].mean(axis=0)
+            cosines.append(way @ line / max(float(np.linalg.norm(way) * np.linalg.norm(line)), 1e-12))
+        if min(cosines) > np.cos(np.radians(25.0)):
+            found[a, b] = float(np.linalg.norm(away, axis=-1).mean())
+    if not found:
+        return None
+    a, b = max(found, key=lambda pair: found[pair])
+    return names[trunk[a]], names[trunk[b]]
 
 
 def _limbs(bones: Sequence[tuple[int, int]], trunk: Sequence[int]) -> list[tuple[int, int]]:

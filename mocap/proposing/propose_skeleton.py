@@ -373,7 +373,8 @@ def joint_triples(kept: Kept, bones: Sequence[tuple[int, int]], trunk: Sequence[
     """Parent, centre and child wherever two bones meet, walking outward from the trunk; none of the trunk's own.
 
     The parent of a marker of the trunk is the nearest other one of it. Chains that do not reach the trunk start at
-    their marker that is nearest to it (without a trunk, to all markers).
+    their marker that is nearest to it (without a trunk, to all markers); there
+    the first of the markers that it is joined to is the parent.
     """
     beside: dict[int, list[int]] = {}
     for a, b in bones:
@@ -395,13 +396,15 @@ def joint_triples(kept: Kept, bones: Sequence[tuple[int, int]], trunk: Sequence[
         while queue:
             centre = queue.pop(0)
             parent = parents[centre]
-            for child in beside.get(centre, []):
+            for child in beside.get(centre, []) if parent is not None else sorted(beside.get(centre, [])):
                 if child in walked:
                     continue
                 walked.add(child)
                 parents[child] = centre
                 queue.append(child)
-                if parent is not None:
+                if parent is None:
+                    parent = child  # a chain may begin at its middle: there, too, two bones meet
+                else:
                     triples.append((parent, centre, child))
     return triples
 

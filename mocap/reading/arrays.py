@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eal.arrays import Array, unique
-from mocap.calls import check_stated, taking
+from mocap.calls import check_stated
 from mocap.cameras.camera import Camera, dlt_camera, scaled
 from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings
@@ -19,7 +19,7 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.lines import even_times, metres
 from mocap.io.movement import of_dataset
 from mocap.io.plausible import MOST_LIKELY, plausible
-from mocap.options import FilmedOptions, stated
+from mocap.options import FilmedOptions, stated, taking
 from mocap.reading.ideal_pixels import with_ideal_pixels
 from mocap.reading.reading import animal, calibration_of, check_rig, complete, corners, dataset_of
 from mocap.recording import Recording, Source
@@ -40,6 +40,7 @@ def from_arrays(
     unit: str | None = None,
     skeleton: Skeleton | str | PathLike[str] | None = None,
     name: str = "recording",
+    point_sd_mm: float | None = None,
 ) -> Recording:
     """A recording of positions that are in memory; ``mocap.track`` takes it as it takes one that was read.
 
@@ -51,6 +52,7 @@ def from_arrays(
         unit: Unit of lengths (m, mm, cm, in, ft); None: as the Dataset says, else the animal's length chooses it.
         skeleton: A ``mocap.Skeleton``, or a skeleton TOML; None: markers only.
         name: Of the recording.
+        point_sd_mm: As in ``mocap.read``.
 
     Raises:
         FormatError: it is no such array, table or Dataset, or a name or unit does not fit.
@@ -60,7 +62,9 @@ def from_arrays(
     contents = _contents(xyz, "xyz", name, names, fps)
     if contents.points is None:
         raise FormatError("`xyz` contains pixels (space x, y), expected positions (x, y, z): use mocap.from_pixels")
-    return _recording(contents, (), (), name=name, fps=fps, unit=unit, skeleton=skeleton)
+    check_stated("point_sd_mm", point_sd_mm)
+    found = _recording(contents, (), (), name=name, fps=fps, unit=unit, skeleton=skeleton)
+    return replace(found, source=replace(found.source, point_sd_mm=point_sd_mm))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from eal.arrays import unique
-from mocap.calls import check_rate, check_stated, taking
+from mocap.calls import check_rate, check_stated
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.cameras.origin import OriginError, PixelOptions
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
@@ -26,7 +26,7 @@ from mocap.io.registry import read as read_file
 from mocap.io.rigid import with_bodies
 from mocap.io.together import joined, point_names
 from mocap.io.unstated_unit import in_metres
-from mocap.options import FilmedOptions, PathText, ReadOptions, flags_of, options_of
+from mocap.options import FilmedOptions, PathText, ReadOptions, flags_of, options_of, taking
 from mocap.reading.decided import Decided, decided
 from mocap.reading.edits import read_log
 from mocap.reading.ideal_pixels import with_ideal_pixels
@@ -56,7 +56,7 @@ def read(tracks: PathText | Sequence[PathText], options: ReadOptions) -> Recordi
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
     """
-    for name in ("fps", "pixel_sd", "mm_per_px"):
+    for name in ("fps", "pixel_sd", "point_sd_mm", "mm_per_px"):
         check_stated(name, getattr(options, name))
     pixels = corners(options)
     files, crops = _paths("tracks", tracks), _paths("crop", options.crop)
@@ -87,6 +87,7 @@ def read(tracks: PathText | Sequence[PathText], options: ReadOptions) -> Recordi
             calibration=None if rig is None else rig.name,
             unit=options.unit,
             pixel_sd=options.pixel_sd,
+            point_sd_mm=options.point_sd_mm,
             mm_per_px=contents.plane_mm if rig is None and options.mm_per_px is None else options.mm_per_px,
             unusual=contents.remarks,
             bodies=contents.bodies,
@@ -121,8 +122,7 @@ def _tracks(files: Sequence[Path], rig: Path | None, options: ReadOptions) -> tu
             f"{files[0].name}: is a calibration, and {rig.name}, given as `calibration`, holds tracks: exchange them"
         )
     if not contents.names:
-        why = "; ".join((*contents.findings, "give a file of pixels or positions"))
-        raise FormatError(f"{files[0].name}: contains no markers ({contents.format}): {why}")
+        raise contents.without_markers()
     return contents, how
 
 

@@ -13,7 +13,8 @@ from mocap.audit.geometry import handedness, jitter_px
 from mocap.audit.offsets import estimate_offsets
 from mocap.cameras.arrangement import by_camera
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.findings import Finding
+from mocap.findings import Finding, worst_first
+from mocap.io.unstated_unit import length
 from mocap.json_records import plain, record
 from mocap.reading.decided import decided
 from mocap.recording import Recording
@@ -52,6 +53,12 @@ class Siblings:
     def of_file(cls, entries: Any, folder: Path, where: str) -> Self:  # noqa: ARG003
         """Read back."""
         return record(cls, entries, where)
+
+
+def own_findings(recording: Recording) -> tuple[Finding, ...]:
+    """What is found in a recording's own files, without what other trials tell of it."""
+    parts = (part for part in recording.parts.values() if not isinstance(part, Siblings))
+    return tuple(worst_first(finding for part in parts for finding in part.findings()))
 
 
 FRAMES = 200
@@ -115,7 +122,7 @@ def facts_of(
     steps = steps[np.isfinite(steps)]
     if lengths and len(steps):
         facts["step"] = float(np.median(steps) / np.median(list(lengths.values())))
-    return TrialFacts(**facts, lengths_m=lengths)
+    return TrialFacts(**facts, lengths_m=lengths, long_m=length(xyz))
 
 
 def _rig(recording: Recording) -> str:

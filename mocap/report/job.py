@@ -87,7 +87,7 @@ def reported(
         planar, spatial = (
             joint_potentials(tracked.joints_m(frame), frame, markers, skeleton) for frame in (FRAME, SPACE)
         )
-    told = _too_narrow(consistency(tracked)["nis_per_row"]) + _unknown(tracked, whole)
+    told = _too_narrow(consistency(tracked)["nis_per_row"]) + _left(tracked) + _unknown(tracked, whole)
     choice = ModelChoice(why=why, scores=scores, told=tuple(told))
     none = not planar and recording.plane is None and (skeleton.joints or not skeleton.body_joints)
     lacking = (_no_joints(skeleton),) if none else ()
@@ -103,6 +103,24 @@ def _too_narrow(nis_per_row: float | None) -> list[Finding]:
     times = float(np.sqrt(nis_per_row))
     text = f"prediction errors are {times:.1f} times as large as the filter expects: its intervals are too narrow by "
     return [Finding(kind=Kind.INTERVALS, alarm=True, text=f"{text}that factor", numbers={"times": times})]
+
+
+def _left(tracked: Result) -> list[Finding]:
+    """Markers whose positions the track leaves for longer than noise does: their deviation was enlarged."""
+    if "departure" not in tracked.data:
+        return []
+    size_mm = 1e3 * tracked.data["departure"].values
+    which = np.flatnonzero(size_mm > 0)
+    if not len(which):
+        return []
+    names = tuple(tracked.names[m] for m in which)
+    text = (
+        f"the track leaves the positions of {len(which)} of {len(size_mm)} markers by more than their noise explains: "
+        f"{float(np.median(size_mm[which])):.2g} mm (RMS, median of these markers). Intervals were "
+        "widened by it, and the samples stay measured; if their noise is known, state `point_sd_mm`"
+    )
+    numbers = {"markers": float(len(which)), "median_mm": float(np.median(size_mm[which]))}
+    return [Finding(kind=Kind.WIDER_INTERVALS, text=text, numbers=numbers, markers=names[:MOST])]
 
 
 def _no_joints(skeleton: Skeleton) -> Finding:

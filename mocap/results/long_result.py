@@ -21,6 +21,7 @@ from mocap.kinematics.cycles import Cycle, cycles
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
 from mocap.reading.decided import decided
+from mocap.reading.session import own_findings
 from mocap.recording import BLOCK, Recording
 from mocap.records import Status
 from mocap.report.job import reported
@@ -112,7 +113,7 @@ def write_in_blocks(
                 rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
                 part, count = run.at(own), counts(cleaned, run, own)
                 writer.add(core, part, found, own, rows)
-            found_out.append(cleaned.findings)
+            found_out.append(own_findings(cleaned))
             sums = count if sums is None else together(sums, count)
             shown = np.flatnonzero(np.isfinite(cleaned.xyz_m[own][..., 0]).any(axis=1)) + core.start
             if len(shown):

@@ -15,9 +15,10 @@ from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, WITH_JOINTS, Effort,
 from mocap.filters.model import LearnedModel, learn_model, own_trials
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
+from mocap.findings import Kind
 from mocap.io.output import result_file
 from mocap.reading.decided import decided
-from mocap.reading.session import facts_of
+from mocap.reading.session import Siblings, facts_of, own_findings
 from mocap.recording import Recording, as_recording
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
@@ -107,9 +108,8 @@ def learn(
     if isinstance(recordings, str | PathLike | Recording):
         raise MocapError(f"mocap.learn takes a list of recordings, not {type(recordings).__name__}: mocap.learn([...])")
     recordings = _told_apart([as_recording(recording, "learn") for recording in recordings])
-    for name, findings in compared([facts_of(recording) for recording in recordings]).items():
-        for finding in findings:
-            progress(f"{name}: {finding.text}")
+    told = compared([facts_of(recording) for recording in recordings])
+    recordings = [one.with_part(Siblings(told=tuple(told[one.name]))) if told[one.name] else one for one in recordings]
     return Model(learn_from(recordings, seed=seed, models=WITH_JOINTS if joints else MODELS, tell=progress))
 
 
@@ -245,11 +245,11 @@ def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Itera
     """
     for source in sources:
         one = clean(source.without_needless_calibration()).in_space("learning")
-        if not source.cleaned:
-            read_so = decided(source).of_files
-            for finding in one.findings:  # in the order of all commands
-                if finding.asks or finding in read_so:
-                    tell(f"{one.name}: {finding.text}")
+        read_so = decided(source).of_files
+        known = own_findings(source) if source.cleaned else ()  # whoever cleaned it was told
+        for finding in one.findings:  # in the order of all commands
+            if finding not in known and (finding.asks or finding in read_so or finding.kind is Kind.UNLIKE_SIBLINGS):
+                tell(f"{one.name}: {finding.text}")
         yield one
 
 

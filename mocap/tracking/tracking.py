@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.audit.samples import Jump
 from mocap.cameras.triangulate import project
-from mocap.cleaning.bias import lasting_share
 from mocap.cleaning.cleaned import cleaned
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.cleaning.positions import POSE_MARKERS, POSE_SHARE, shows_a_pose
@@ -31,6 +30,7 @@ from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, angle_names, unknown
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
+from mocap.tracking.lasting_errors import FAR, beyond, departures, lasting_cov, root_mean_square
 from mocap.tracking.result import Result, rate_points
 from mocap.variables import VARIABLES, Values
 
@@ -39,8 +39,6 @@ Mask = NDArray[np.bool_]
 
 POSE_FRAMES = 40
 """Frames that a pose is learned from at least. Chosen, not measured."""
-FAR = 3.0
-"""A sample is not called measured if it lies more than so many standard deviations from where it was measured."""
 MOVED = {"moved": f"the track lies more than {FAR:g} standard deviations from where the sample was measured"}
 """Why a sample was rejected here, by the key that reports use."""
 
@@ -210,6 +208,16 @@ def with_track(recording: Recording, part: Recording, name: str, smoothed: Estim
         innovation[camera[~whole], frame, marker[~whole]] = missed[~whole, :2]
     origin = _origins(recording, believed, np.isfinite(xyz[..., 0]))
     off, far = moved(recording, xyz, cov)
+    left = (
+        np.where(far[..., None], np.gradient(np.nan_to_num(off), recording.t_s, axis=0), 0.0) if n_frames > 1 else 0.0
+    )
+    departure: dict[str, Any] = {}
+    if not recording.cameras:  # of rays cleaning found what lasts
+        believed_off = np.where((origin == Status.MEASURED)[..., None], off, np.nan)
+        left_m2, kept = departures(believed_off, cov + recording.cov_m2)
+        cov += left_m2
+        departure = {"departure": root_mean_square(left_m2, origin == Status.MEASURED)}
+        far = moved(recording, xyz, cov)[1] & ~kept
     far &= (origin == Status.MEASURED) & ~recording.edited  # what a person states is believed
     origin[far] = Status.REJECTED
     cov += jump_cov(cleaned(recording).jumps, xyz, origin)
@@ -232,9 +240,8 @@ def with_track(recording: Recording, part: Recording, name: str, smoothed: Estim
         n_rows=spread("n_rows", np.array([seen.n_rows for seen in smoothed.observed], dtype=np.int64)),
         log_likelihood=likelihood,
         **rays,
+        **departure,
     )
-    speed = np.gradient(np.nan_to_num(off), recording.t_s, axis=0) if n_frames > 1 else 0.0  # of one frame none
-    left = np.where(far[..., None], speed, 0.0)
     motion = motion_of(found.tracks, frames, smoothed.rates, rate_points(recording), left_m_s=left)
     found = _with_joints(found.with_motion(motion), whole_frames(recording))
     found = replace(found, data=found.data.assign_attrs(model=name, y_up=int(recording.y_up)))
@@ -430,9 +437,7 @@ def moved(recording: Recording, xyz_m: Array, cov_m2: Array) -> tuple[Array, Mas
     the root mean square over the three coordinates.
     """
     off = xyz_m - recording.xyz_m
-    total = np.trace(cov_m2 + recording.cov_m2, axis1=-2, axis2=-1) / 3
-    with np.errstate(invalid="ignore"):
-        return off, np.linalg.norm(off, axis=-1) > FAR * np.sqrt(total)
+    return off, beyond(off, cov_m2 + recording.cov_m2)
 
 
 def moved_report(recording: Recording, markers: MarkerTracks) -> dict[str, object]:
@@ -490,31 +495,3 @@ def _origins(recording: Recording, believed: Mask, estimated: Mask) -> NDArray[n
     origin[believed] = Status.MEASURED
     origin[~estimated & (origin != Status.REJECTED)] = Status.MISSING
     return origin
-
-
-def lasting_cov(recording: Recording) -> Array:
-    """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
-
-    The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
-    (``mocap.cleaning.bias``), and that of a lens which was estimated or is not corrected; where a marker is not
-    seen, that of the sample of median variance.
-    """
-    if not recording.cameras:
-        return np.zeros_like(recording.cov_m2)
-    found = cleaned(recording)
-    usual = found.jitter_px * (np.ones(len(recording.names)) if found.noise is None else found.noise.marker)
-    lasting = np.asarray(recording.data.get("persistent", np.zeros(len(usual))))
-    cov = _filled(recording.cov_m2 * lasting_share(lasting, usual, removed_px=found.bias_px)[:, None, None])
-    lens = recording.data.get("lens_covariance")
-    return cov if lens is None else cov + _filled(lens.values)
-
-
-def _filled(cov_m2: Array) -> Array:
-    """A covariance (T, M, 3, 3) with that of a marker's sample of median variance where it is NaN; 0 without any."""
-    out = cov_m2.copy()
-    variance = np.trace(out, axis1=-2, axis2=-1)
-    for marker in range(out.shape[1]):
-        seen = np.flatnonzero(np.isfinite(variance[:, marker]))
-        order = seen[np.argsort(variance[seen, marker])]  # a median of each entry need not be a covariance
-        out[np.isnan(variance[:, marker]), marker] = out[order[len(order) // 2], marker] if len(order) else 0.0
-    return out

@@ -249,6 +249,7 @@ def test_a_marker_far_from_its_prediction_is_met(learned, monkeypatch):
     white = factor @ np.linalg.inv(mode.jac.T @ mode.jac) @ factor.T
     np.testing.assert_allclose(found.cov, white, atol=0.1 * np.diag(white).max())
     monkeypatch.setattr("mocap.filters.motion.articulated.BENT_RAD", np.inf)
+    monkeypatch.setattr("mocap.filters.motion.pose.VAGUE_RAD", np.inf)
     once = filter_frame(learned, observations, 0, at, None, 6.0).state
     assert np.sum(away(np.linalg.solve(factor, once.mean - at.mean)) ** 2) > 4 * mode.cost
 

@@ -70,12 +70,22 @@ def test_a_pose_is_looked_for_where_four_markers_are_seen(seen, found):
 )
 def test_an_update_is_iterated_where_joints_bend(turned_rad, step_rad):
     """From a tenth of a radian, in steps of half a radian at most."""
-    motion = SimpleNamespace(angles=lambda states: states)
-    further = ArticulatedMotion.further(motion, np.zeros(2), np.array([turned_rad, -turned_rad / 2]))
+
+    class Bent(ArticulatedMotion):
+        """A body whose turn is known, and two joints."""
+
+        parts = (slice(0), slice(0, 6))
+
+        def angles(self, states):
+            return states[:, 6:]
+
+    prior = Moments(np.zeros(8), np.zeros((8, 8)))
+    found = np.append(np.zeros(6), [turned_rad, -turned_rad / 2])
+    further = object.__new__(Bent).further(prior, np.zeros(8), found)
     if step_rad is None:
         assert further is None
     else:
-        np.testing.assert_allclose(further, [step_rad, -step_rad / 2])
+        np.testing.assert_allclose(further[6:], [step_rad, -step_rad / 2])
 
 
 @pytest.mark.parametrize(("moves_sd", "ends"), [(0.045, True), (0.055, False)])

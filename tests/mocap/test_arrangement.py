@@ -1,5 +1,6 @@
 """Mirrored axes, cameras in another order and shifted films are found and named; clean recordings are not accused."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from mocap.audit import alarms, audit_filmed, fit_findings
 from mocap.cameras.arrangement import ArrangementError, find_arrangement
 from mocap.cameras.camera import dlt_coefficients, record
 from mocap.cameras.origin import PixelOptions, decide_origin
+from mocap.errors import CalibrationError
 from mocap.records import PixelTracks
 from tests.mocap.rigs import look_at, ring
 from tests.mocap.test_audit import moving
@@ -224,3 +226,35 @@ def test_a_real_bats_mirrored_columns_are_named():
     assert found is not None
     assert "u mirrored" in found.change
     assert found.residual_px > 5 * found.undone_px
+
+
+def odd_principal_points(cameras):
+    """The same places, with principal points as coefficients of few points have them: heights from 400 to 1500."""
+    found = []
+    for camera, height in zip(cameras, (400.0, 1500.0, 900.0, 600.0), strict=True):
+        shift = np.eye(3)
+        shift[1, 2] = (height - HEIGHT) / 2
+        found.append(replace(camera, matrix=shift @ camera.matrix))
+    return tuple(found)
+
+
+def test_flipped_cameras_are_named_where_principal_points_tell_no_height():
+    """Both of them, with the height that was found to 1 %, and what states it.
+
+    The same cameras with sound pixels are not accused, nor with pixels of others, which ask for the height.
+    """
+    cameras, _ = scene(False, noise=0.0)
+    cameras = odd_principal_points(cameras)
+    uv = record(cameras, moving(FRAMES)) + np.random.default_rng(2).normal(0, 0.3, (4, len(FRAMES), 5, 2))
+    assert decide_origin(cameras, uv).residual_px < 1
+    bad = uv.copy()
+    bad[[1, 2], ..., 1] = HEIGHT - bad[[1, 2], ..., 1]
+    with pytest.raises(ArrangementError) as said:
+        decide_origin(cameras, bad)
+    assert said.value.arrangement.cameras == (cameras[1].name, cameras[2].name)
+    (height,) = re.findall(r"v -> (\d+) - v", str(said.value))
+    assert float(height) == pytest.approx(HEIGHT, rel=0.01)
+    assert "put it at 400 to 1500; state `image_height_px`" in str(said.value)
+    with pytest.raises(CalibrationError, match="put it at 400 to 1500") as other:
+        decide_origin(cameras, np.random.default_rng(3).uniform(0, HEIGHT, uv.shape))
+    assert not isinstance(other.value, ArrangementError)

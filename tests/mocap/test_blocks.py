@@ -275,6 +275,22 @@ def test_what_one_block_never_sees_is_not_said_of_the_recording():
     assert over_blocks([[unseen("a", "b")], []]) == []
 
 
+def test_what_one_block_never_shows_together_is_not_said_of_the_recording():
+    """A block of a few samples shows no pose; where most blocks show none, markers may be of several animals."""
+    apart = Finding(kind=Kind.NEVER_TOGETHER, alarm=True, text="no frame shows more than 3 of the 9 points")
+    assert over_blocks([[apart], [], []]) == []
+    (one,) = over_blocks([[apart], [apart], []])
+    assert one.alarm
+    assert one.kind is Kind.NEVER_TOGETHER
+
+
+def test_an_alarm_of_several_blocks_keeps_what_mends_it():
+    """Also where its kind does not tell that, as of the other trials."""
+    said = {"kind": Kind.UNLIKE_SIBLINGS, "alarm": True, "mends": ("fps",)}
+    (one,) = over_blocks([[Finding(text=f"frame rate: {k}", **said)] for k in range(3)])
+    assert one.mends == ("fps",)
+
+
 def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
     """Angles of every cycle have their means, in the columns of all blocks; the first block has no cycle at all."""
     t_s = np.arange(420) / 100

@@ -1,6 +1,7 @@
 """Rigs from boards: synthetic ones with their truth, real ones with what others found."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import h5py
@@ -8,8 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import mocap
 from mocap.calibration.board_rig import calibrate_boards
-from mocap.calibration.boards import BoardViews, Charuco, Checkerboard, Corners, detect, pictures_of
+from mocap.calibration.boards import BoardViews, Charuco, Checkerboard, Corners, detect, pictures_of, read_grey
 from mocap.calibration.intrinsics import fit_intrinsics
 from mocap.calibration.scene import RigCamera, rig_lens, similarity
 from mocap.cameras.camera import stacked, undistorted
@@ -272,3 +274,64 @@ def test_real_charuco_points():
     off = np.linalg.norm(ours[ok] @ T[:3, :3].T + T[:3, 3] - theirs[ok], axis=1)
     assert np.median(off) < 1e-3
     assert np.cbrt(np.linalg.det(T[:3, :3])) == pytest.approx(53.84 / 54, abs=2e-3)
+
+
+def test_one_place_finds_corners():
+    """``images``, ``lenses`` and ``places`` find boards by ``boards.detect``; nothing else looks for corners."""
+    root = Path(mocap.__file__).parent
+    finders = ("findChessboardCorners", "CharucoDetector", "cornerSubPix", "findCirclesGrid")
+    looking = {p.relative_to(root).as_posix() for p in root.rglob("*.py") if any(f in p.read_text() for f in finders)}
+    assert looking == {"calibration/boards.py"}
+    detecting = {p.stem for p in (root / "calibration").glob("*.py") if " detect(" in p.read_text()}
+    assert detecting - {"boards"} == {"calibrate", "calibrate_lenses", "calibrate_places"}
+
+
+def as_opencv(found, size):
+    """Root mean square error and focal length of Brown's lens, as ``cv2.calibrateCamera`` fits it to corners."""
+    local = [one.local_m.astype(np.float32) for one in found]
+    rms, K, *_ = cv2.calibrateCamera(local, [one.uv_px.astype(np.float32) for one in found], size, None, None)  # type: ignore
+    return rms, (K[0, 0] + K[1, 1]) / 2
+
+
+@pytest.mark.parametrize(("camera", "opencv_px", "f_px"), [("mid", 0.164, 760.5), ("top", 0.170, 947.5)])
+def test_the_real_charuco_images(camera, opencv_px, f_px):
+    """Corners of 21 images a camera are those of OpenCV's detector, and the lens is that of its calibrateCamera.
+
+    OpenCV minimises squares; ours counts outlying corners less (Cauchy's loss), so that its root mean square is up to
+    3 % larger. The focal lengths differ by less than three standard deviations.
+    """
+    board = Charuco(columns=8, rows=11, square_m=0.024, marker_m=0.01875, dictionary="DICT_4X4_1000")
+    files = sorted(real("mouse_charuco_4cam", camera, "calibration_images").glob("*.jpg"))
+    board, views = detect({camera: {file.stem: file for file in files}}, board)
+    detector = cv2.aruco.CharucoDetector(board.board())
+    theirs = []
+    for file in files:
+        uv, ids, *_ = detector.detectBoard(read_grey(file))
+        theirs.append(Corners(ids=ids.ravel(), local_m=board.points()[ids.ravel()], uv_px=uv.reshape(-1, 2)))
+        np.testing.assert_array_equal(views[camera].corners[file.stem].ids, theirs[-1].ids)
+        np.testing.assert_array_equal(views[camera].corners[file.stem].uv_px, theirs[-1].uv_px)
+    rms, f = as_opencv(theirs, views[camera].size_px)
+    assert (rms, f) == (pytest.approx(opencv_px, abs=2e-3), pytest.approx(f_px, abs=0.5))
+    found = fit_intrinsics(list(views[camera].corners.values()), views[camera].size_px, name=camera, choices=("brown",))
+    assert found.rms_px == pytest.approx(rms, rel=0.03)
+    assert abs(np.mean(found.lens.f_px) - f) < 3 * found.f_sd_px
+
+
+@pytest.mark.parametrize("camera", ["left", "right"])
+def test_corners_of_the_real_checkerboard_beside_opencv(camera):
+    """Corners of ours fit OpenCV's model no worse than those of ``cv2.cornerSubPix`` in windows of 5 and of 11 px."""
+    board = Checkerboard(columns=9, rows=6, square_m=0.02379)
+    _, views = detect({camera: pictures_of(real("checkerboard_stereo_pair"))[camera]}, board)
+    grids = {file.stem: file for file in pictures_of(real("checkerboard_stereo_pair"))[camera].values()}
+    theirs: dict[int, list[Corners]] = {5: [], 11: []}
+    for file in grids.values():
+        picture = read_grey(file)
+        _, uv = cv2.findChessboardCorners(picture, (9, 6))
+        for window, found in theirs.items():
+            stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
+            fine = cv2.cornerSubPix(picture, np.asarray(uv).copy(), (window, window), (-1, -1), stop)
+            found.append(Corners(ids=np.arange(54), local_m=board.points(), uv_px=fine.reshape(-1, 2)))
+    size = views[camera].size_px
+    ours, of_5, of_11 = (as_opencv(found, size) for found in (list(views[camera].corners.values()), *theirs.values()))
+    assert ours[0] <= min(of_5[0], of_11[0])
+    assert ours[1] == pytest.approx(of_11[1], abs=1.0)  # the wide window is the better one where squares are 40 px

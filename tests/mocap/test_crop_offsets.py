@@ -191,3 +191,15 @@ def test_deeplabcut_counts_pixels_from_0_and_matlab_from_1(flight, tmp_path):
     prepared = clean(mocap.read(views, calibration=calibration, fps=100, profile=lens))
     np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
     assert any("counts pixels from 0" in said.text for said in prepared.findings)
+
+
+def test_info_says_what_crop_offsets_are(tmp_path, mocap):
+    """They are no recording: how to give them is told, and no format that is near; another MATLAB file has that."""
+    savemat(tmp_path / "cam1.mat", {"XYtop_left": np.zeros((5, 2))})
+    savemat(tmp_path / "other.mat", {"something": np.zeros((5, 2))})
+    code, out, _ = mocap("info", tmp_path / "cam1.mat")
+    assert code == 1
+    assert "crop offsets of a cropped video: give them as --crop" in " ".join(out.split())
+    assert "Nearest" not in out
+    _, out, _ = mocap("info", tmp_path / "other.mat")
+    assert "Nearest" in out

@@ -45,3 +45,18 @@ def test_an_alarm_is_mended_as_its_kind_is_and_a_note_by_nothing():
     note = Finding(kind=Kind.LENS, text="")
     assert (note.mends, note.asks) == ((), False)
     assert Finding(kind=Kind.MIRRORED_WORLD, text="", mends=("origin",)).asks
+
+
+def test_one_fault_that_two_checks_see_is_told_once():
+    """With the evidence of both, what mends either, the harm of its kind; one that only decides something stays."""
+    rate = alarm(kind=Kind.FRAME_RATE, text="25 frames a second, which is too slow", numbers={"beat_hz": 0.3})
+    said = {"kind": Kind.UNLIKE_SIBLINGS, "same_as": (Kind.FRAME_RATE, Kind.CAMERA_OFFSETS), "mends": ("fps",)}
+    other = alarm(text="the other 4 trials have 700", numbers={"others": 700.0}, **said)
+    (both,) = worst_first([other, rate])
+    assert (both.kind, both.alarm, both.mends) == (Kind.FRAME_RATE, True, ("fps",))
+    assert both.text == f"{rate.text}. Beside the others: {other.text}"
+    assert both.numbers == {"beat_hz": 0.3, "others": 700.0}
+    assert alarms([other, rate]) == alarms([both])
+    decided = Finding(kind=Kind.FRAME_RATE, text="700 frames a second, as stated")
+    assert len(worst_first([other, decided])) == 2
+    assert len(worst_first([other, alarm(kind=Kind.LENS, text="a lens")])) == 2

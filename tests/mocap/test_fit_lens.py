@@ -1,5 +1,6 @@
 """A lens that nobody gave: estimated from the tracks, or what it does to positions stated; refused where it is open."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from mocap.datasets.bats import make_bat_wind_tunnel
 
 import mocap
+from mocap.batches.one import track_trial
+from mocap.batches.trial import Options, read_manifest
 from mocap.cameras.camera import Camera, project, stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.lens_of_tracks import lens_of_tracks
@@ -15,6 +18,7 @@ from mocap.cameras.triangulate import linear
 from mocap.cleaning.cleaning import clean as cleaned
 from mocap.errors import CalibrationError
 from mocap.io.dltdv import write_coefficients, write_pixels
+from mocap.io.profile import write_profile
 from mocap.reading.decided import Decided
 from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import Recording
@@ -127,6 +131,18 @@ def test_cameras_that_have_lenses_keep_them():
 
 def test_a_fitted_lens_is_a_profile_that_other_trials_take(tmp_path):
     """Written with the result; with it the pixels need no lens: the same points to a tenth of a millimetre."""
+    bent_flight(tmp_path)
+    stated = {"calibration": tmp_path / "rig.csv", "fps": 500, "unit": "m", "origin": "upper-left"}
+    fitted = mocap.read(tmp_path / "t_xypts.csv", fit_lens=True, **stated)
+    mocap.track(fitted, model="constant_velocity", validate=False).save(tmp_path / "out")
+    again = mocap.read(tmp_path / "t_xypts.csv", profile=tmp_path / "out" / "camera_profile.txt", **stated)
+    a, b = (linear(one.matrices, one.ideal_px) for one in (fitted, again))
+    assert np.nanmedian(np.linalg.norm(a - b, axis=-1)) < 1e-4
+    assert not [one for one in cleaned(again).findings if one.alarm and one.kind == "distortion"]
+
+
+def bent_flight(folder):
+    """A flight whose four cameras have k1 = -0.14, and coefficients without a lens."""
     flight = make_bat_wind_tunnel(seed=3, n_frames=60)
     ideal = undistorted(flight.cameras, flight.pixels.uv_px)
     bent = [
@@ -135,12 +151,29 @@ def test_a_fitted_lens_is_a_profile_that_other_trials_take(tmp_path):
     ]
     names = flight.pixels.names[::3]
     pixels = replace(flight.pixels, names=names, uv_px=np.stack(bent)[:, :, ::3])
-    write_pixels(tmp_path / "t_xypts.csv", pixels)
-    write_coefficients(tmp_path / "rig.csv", [replace(c, lens=None) for c in flight.cameras])
-    stated = {"calibration": tmp_path / "rig.csv", "fps": 500, "unit": "m", "origin": "upper-left"}
-    fitted = mocap.read(tmp_path / "t_xypts.csv", fit_lens=True, **stated)
-    mocap.track(fitted, model="constant_velocity", validate=False).save(tmp_path / "out")
-    again = mocap.read(tmp_path / "t_xypts.csv", profile=tmp_path / "out" / "camera_profile.txt", **stated)
-    a, b = (linear(one.matrices, one.ideal_px) for one in (fitted, again))
-    assert np.nanmedian(np.linalg.norm(a - b, axis=-1)) < 1e-4
-    assert not [one for one in cleaned(again).findings if one.alarm and one.kind == "distortion"]
+    write_pixels(folder / "t_xypts.csv", pixels)
+    write_coefficients(folder / "rig.csv", [replace(c, lens=None) for c in flight.cameras])
+    return flight
+
+
+def test_a_batch_estimates_lenses_where_none_is_known(tmp_path, mocap):
+    """Its result holds the profile, which a trial with one beside it has already; one video has no lens to estimate."""
+    flight = bent_flight(tmp_path)
+    for name in ("bare", "known", "video"):
+        (tmp_path / "lab" / name).mkdir(parents=True)
+    for name in ("bare", "known"):
+        for file in ("t_xypts.csv", "rig.csv"):
+            shutil.copy(tmp_path / file, tmp_path / "lab" / name / file)
+    write_profile(tmp_path / "lab" / "known" / "camera_profile.txt", flight.cameras)
+    rows = [f"{k},{k / 500:.3f},{100 + k},{200 + k % 7}" for k in range(40)]
+    (tmp_path / "lab" / "video" / "v.csv").write_text("\n".join(["frame,time,pt1_x,pt1_y", *rows]) + "\n")
+    stated = ["--fit-lens", "--fps", "500", "--unit", "m"]
+    code, _, said = mocap("batch", tmp_path / "lab", "--out", tmp_path / "plan", "--dry-run", *stated)
+    assert code == 0, said
+    trials = {trial.name.partition("/")[0]: trial for trial in read_manifest(tmp_path / "plan" / "manifest.csv")}
+    assert {name: trial.arguments.get("fit_lens") for name, trial in trials.items()} == {
+        "bare": True, "known": None, "video": None,
+    }  # fmt: skip
+    bare = trials["bare"]
+    track_trial(bare, Options(model="constant_velocity", validate=False), tmp_path / "out")
+    assert (tmp_path / "out" / bare.name / "camera_profile.txt").is_file()

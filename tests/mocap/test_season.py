@@ -1,15 +1,21 @@
 """A season of real flights, some of them spoiled: each is named, with what mends it; sound ones are not."""
 
+import json
 import shutil
+from dataclasses import replace
+from html import unescape
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 
+import mocap
 from mocap.batches.plan import planned
 from mocap.batches.trial import Options
 from mocap.desk.desk import Desk
 from mocap.findings import Kind, alarms
+from mocap.reading.reading import in_options
 from tests.real_data import real
 
 DATA = "udExport/data"
@@ -100,8 +106,9 @@ def test_each_spoiled_trial_is_named_with_what_mends_it(plan):
         named = [one for one in found(plan, name) if one.kind == kind]
         assert named, (name, [str(one) for one in found(plan, name)])
         assert mends is None or any(mends in one.mends for one in named), (name, named)
-    assert [one.mends for one in found(plan, "F2") if one.text.startswith("frame rate")] == [("fps",)]
-    assert any(one.kind is Kind.FRAME_RATE for one in found(plan, "F2"))
+    rates = [one for one in found(plan, "F2") if "fps" in one.mends]
+    assert [(one.kind, one.mends) for one in rates] == [(Kind.FRAME_RATE, ("fps",))]
+    assert all(evidence in rates[0].text for evidence in ("25.56", "a pendulum of its length", "the other 9 trials"))
 
 
 @pytest.mark.slow
@@ -122,4 +129,62 @@ def test_the_desk_tells_what_the_plan_tells(plan, tmp_path):
     assert [one["kind"] for one in told] == [one.kind for one in found(plan, name.split("/")[-2])]
     (row,) = (row for row in desk.overview()["trials"] if row["name"] == name)
     assert [text for text in row["wrong"] if "frame rate" in text]
-    assert "frame rate" in row["warning"]
+    assert "frame rate" in row["unlike"]
+
+
+@pytest.fixture(scope="module")
+def few(season):
+    """Folders of a flight with a rate of playback, a sound one, one whose world is turned, one in mm."""
+    return [season / "bat07" / name for name in ("F2", "F5", "turned", "in_mm")]
+
+
+LATER = {Kind.JOINTS, Kind.INTERVALS}
+"""Kinds that only tracking can find."""
+
+
+@pytest.mark.slow
+def test_a_batch_tells_each_fault_once_wherever_it_tells(few, tmp_path):
+    """What the plan tells is told by summary.csv and its page, by report.json, report.md and the desk's table."""
+    plan, out = planned(few), tmp_path / "out"
+    went = mocap.batch(few, out, model="constant_velocity", validate=False, jobs=1)
+    table = pd.read_csv(out / "summary.csv").set_index("trial")
+    desk = Desk(out=out, trials={one.name: one for one in plan.trials}, options=Options())
+    rows = {row["name"]: row for row in desk.overview()["trials"]}
+    page = unescape((out / "summary.html").read_text(encoding="utf-8"))
+    for record in went.records:
+        name, wrong = record.trial, plan.wrong[record.trial]
+        report = json.loads((out / name / "report.json").read_text(encoding="utf-8"))
+        readable = (out / name / "report.md").read_text(encoding="utf-8").replace("\\", "")
+        kinds = {one.text: one.kind for one in went.trial(name).findings}
+        assert [text for text in report["wrong"] if kinds[text] not in LATER] == wrong, name
+        told = str(record.row["warning"]).split(" | ")
+        assert [text for text in told if text in wrong] == wrong
+        assert len(told) == table.loc[name, "warnings"] == len(report["wrong"])
+        assert table.loc[name, "warning"] == " | ".join(told).replace(";", ",")  # which separate cells of some
+        assert rows[name]["wrong"] == [in_options(text) for text in told]
+        assert all(readable.count(f"- **{in_options(text)}**") == 1 for text in wrong)
+        assert " | ".join(told) in page
+    (rate,) = [text for text in plan.wrong[next(n for n in plan.wrong if "F2" in n)] if "`fps`" in text]
+    assert "the other 3 trials" in rate
+    assert "a pendulum" in rate
+
+
+@pytest.mark.slow
+def test_learning_tells_what_the_plan_tells(few):
+    """Of each trial the alarms of the plan, in its order, before anything is learned."""
+    plan, told = planned(few), []
+
+    class Enough(Exception):
+        pass
+
+    def tell(line):
+        told.append(line)
+        if sum(" samples" in one and "frames, " in one for one in told) == len(few):
+            raise Enough
+
+    trials = [replace(one.recording(), name=one.name) for one in plan.trials]
+    with pytest.raises(Enough):
+        mocap.learn(trials, progress=tell)
+    for name, wrong in plan.wrong.items():
+        own = [line.partition(": ")[2] for line in told if line.startswith(f"{name}: ")]
+        assert [text for text in own if text in wrong] == wrong

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-import mocap
+from mocap import clean
+from mocap import read as read_recording
 from mocap.errors import FormatError
 from mocap.io.format import Hints
 from mocap.io.registry import read
@@ -58,18 +59,24 @@ def test_markers_among_other_columns_are_read_and_the_rest_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("stated", ["title", "option", "nothing"])
-def test_two_columns_in_centimetres_are_a_plane(tmp_path, stated):
+def test_two_columns_in_centimetres_are_a_plane(mocap, tmp_path, stated):
     """A unit in the titles, or that is stated, makes 2D coordinates lengths, exactly; else they are pixels."""
     t = np.arange(60) / 100
     values = np.stack([t, 10 + np.sin(t), 5 + t, 14 + np.sin(t), 6 + t], axis=-1).round(4)
     unit = " (cm)" if stated == "title" else ""
     head = ",".join(["time (s)", *(f"{name}_{a}{unit}" for name in "ab" for a in "xy")])
     np.savetxt(tmp_path / "x.csv", values, "%.4f", ",", header=head, comments="")
-    recording = mocap.read(tmp_path / "x.csv", unit="cm" if stated == "option" else None)
+    recording = read_recording(tmp_path / "x.csv", unit="cm" if stated == "option" else None)
+    words = ["--unit", "cm"] if stated == "option" else []
+    out = mocap("info", tmp_path / "x.csv", *words)[1]
+    assert ("contains pixels; unit px" if stated == "nothing" else "contains positions in a plane; unit cm") in out
     if stated == "nothing":
         assert recording.source.mm_per_px is None
         return
-    cleaned = mocap.clean(recording)
+    code, _, err = mocap("convert", tmp_path / "x.csv", tmp_path / "y.csv", *words)
+    assert code == 1
+    assert "cannot store what x.csv contains (positions in a plane" in err
+    cleaned = clean(recording)
     np.testing.assert_allclose(cleaned.data["position"].values[..., :2].reshape(60, 4), values[:, 1:] / 100, atol=1e-9)
     assert any("lengths in a plane" in str(finding) for finding in recording.findings)
 
@@ -93,8 +100,45 @@ def test_json_that_parses_is_whole(tmp_path):
         read(path)
 
 
-def test_a_file_without_markers_says_so(tmp_path):
-    """A C3D file of angles alone: Python names what was left out, and not the skeleton that has no markers."""
+TRIPLES = {
+    ("nose_", "tail_", "F"): ["nose", "tail"],
+    ("nose_", "tail_", "F_"): ["nose", "tail", "F"],
+    ("A", "E", "F"): ["A", "E", "F"],
+    ("a_", "b_", "f_"): ["a", "b", "f"],
+    ("nose", "tail", "F"): ["nose", "tail"],
+    ("nose_", "tail_", "F1", "M1"): ["nose", "tail"],
+    ("nose_", "F1_", "F2_"): ["nose", "F1", "F2"],
+    ("nose_", "tail_", "F_", "M_"): ["nose", "tail"],
+    ("m0_", "m1_", "acc_", "GRF_"): ["m0", "m1"],
+    ("a_",): ["a"],
+    ("F", "M"): None,
+    ("force_",): None,
+}
+"""What stands before x, y and z in the titles of a table, and which of it are markers; None: it is refused."""
+
+
+@pytest.mark.parametrize(("before", "markers"), TRIPLES.items(), ids=["".join(one) for one in TRIPLES])
+def test_forces_beside_markers_are_no_marker(tmp_path, before, markers):
+    """``Fx`` beside ``nose_x`` is a force; ``F_x`` beside ``nose_x`` and ``Fx`` beside ``Ax`` are of a marker F."""
+    titles = ["time", *(name + axis for name in before for axis in "xyz")]
+    values = np.random.default_rng(2).uniform(1, 2, (20, len(titles))).round(4)
+    values[:, 0] = np.arange(20) / 100
+    np.savetxt(tmp_path / "x.csv", values, "%.4f", ",", header=",".join(titles), comments="")
+    if markers is None:
+        with pytest.raises(FormatError, match="state what the columns are"):
+            read(tmp_path / "x.csv")
+        return
+    found = read(tmp_path / "x.csv")
+    assert list(found.names) == markers
+    own = [titles.index(name + axis) for name in before if name.rstrip("_") in markers for axis in "xyz"]
+    np.testing.assert_array_equal(found.points.xyz_m.reshape(20, -1), values[:, own])
+    assert ("left out" in found.findings[0]) == (len(markers) < len(before))
+    stated = read(tmp_path / "x.csv", Hints(columns={"F": tuple(titles[-3:]), "time": ("time",)}))
+    np.testing.assert_array_equal(stated.points.xyz_m[:, 0], values[:, -3:])
+
+
+def test_a_file_without_markers_says_so(mocap, tmp_path):
+    """A C3D file of angles alone: what was left out is named, by all entrances; nothing empty is written of it."""
     import ezc3d
 
     file = ezc3d.c3d()
@@ -105,5 +149,11 @@ def test_a_file_without_markers_says_so(tmp_path):
     file["data"]["meta_points"] = {"residuals": np.zeros((1, 1, 10)), "camera_masks": np.zeros((7, 1, 10), bool)}
     file.write(str(tmp_path / "x.c3d"))
     with pytest.raises(FormatError, match=r"x.c3d: contains no markers \(c3d\): .*modelled quantities"):
-        mocap.read(tmp_path / "x.c3d")
+        read_recording(tmp_path / "x.c3d")
     assert read(tmp_path / "x.c3d", Hints()).names == ()
+    code, out, _ = mocap("info", tmp_path / "x.c3d")
+    assert code == 0
+    assert "it contains nothing else: no markers" in out
+    code, _, err = mocap("convert", tmp_path / "x.c3d", tmp_path / "x.csv")
+    assert (code, (tmp_path / "x.csv").exists()) == (1, False)
+    assert "contains no markers (c3d)" in err

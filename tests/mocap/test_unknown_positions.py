@@ -8,6 +8,7 @@ from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.observations import PositionObservations
 from mocap.filters.track import REMEMBERED, forgotten, smooth
 
+import mocap
 from eal.arrays import Z95
 from mocap.cleaning.cleaning import clean
 from mocap.io.unstated_unit import length
@@ -91,6 +92,25 @@ def test_a_long_darkness_is_tracked_and_empty():
     alone = model.motion, PositionObservations(xyz_m=xyz[:80], sd_m=np.sqrt(cov[:80, :, 0, 0]))
     first = smooth(alone[0], alone[1], film.truth.t_s[:80])
     np.testing.assert_allclose(whole.tracks.xyz_m[:79], first.xyz_m[:79], atol=2e-4)
+
+
+def test_no_quantity_is_known_in_a_long_darkness():
+    """Angles, speeds, the path of the body and joints: empty where positions are, and known on both sides."""
+    film = make_bat(seed=2, n_frames=360, n_cameras=2, digitiser=PERFECT)
+    skeleton, rng = film.skeleton, np.random.default_rng(0)
+    xyz = film.truth.xyz_m + 3e-4 * rng.standard_normal(film.truth.xyz_m.shape)
+    xyz[40:320] = np.nan
+    recording = mocap.from_arrays(xyz, names=film.truth.names, fps=film.fps, unit="m", skeleton=skeleton)
+    whole = mocap.track(recording, model="constant_velocity", validate=False)
+    found, dark = whole.kinematics, slice(40 + REMEMBERED, 320 - REMEMBERED)
+    lit = np.r_[5:35, 325:355]
+    assert len(range(*dark.indices(360))) > 50
+    for one in found.quantities:
+        assert not np.isfinite(one.value[dark]).any(), one.name
+        assert not np.isfinite(one.sd[dark]).any(), one.name
+    for name in ("body_speed_m_s", "elbow_l_angle_deg", "wing_l_stroke_deg"):
+        assert np.isfinite(found[name].value[lit]).mean() > 0.9, name
+    assert not np.isfinite(whole.data["joint_world"].values[dark]).any()
 
 
 def test_what_is_left_empty_is_told_once():

@@ -80,6 +80,13 @@ def test_a_lab_of_folders(twin, tmp_path):
         (["FE404/FE404", "FE405/digitised/FE405"], ["FE404", "FE405/digitised"], ["", ""]),  # folders of one trial
         (["light/a", "light/b", "2024/c", "cam1/d"], ["2024/c", "cam1/d", "light/a", "light/b"], [""] * 4),
         (["t1/t10", "t1/t1b"], ["t1/t10", "t1/t1b"], ["", ""]),
+        (
+            ["078A3/F1/x", "078A3/F2/x", "FE404/F2/x"],
+            ["078A3/F1/x", "078A3/F2/x", "FE404/F2/x"],
+            ["078A3"] * 2 + ["FE404"],
+        ),
+        (["Luna/F2/x", "Max/F2/x"], ["Luna/F2/x", "Max/F2/x"], ["", ""]),  # a flight of each
+        (["2Apr2021/b7/x", "3Apr2021/b7/x"], ["2Apr2021/b7/x", "3Apr2021/b7/x"], ["b7", "b7"]),
     ],
 )
 def test_names_say_nothing_twice_and_animals_are_those_that_folders_tell(tmp_path, paths, names, animals):
@@ -313,3 +320,20 @@ def test_a_manifest_with_a_cell_too_long_is_refused_in_its_line(tmp_path):
     path.write_text(f"trial,path\na,a.csv\nb,{'x' * 131_073}\n", encoding="utf-8")
     with pytest.raises(FormatError, match=r"^manifest.csv: line 3 has a cell of more than 131,072 characters"):
         read_manifest(path)
+
+
+def test_a_project_without_coefficients_takes_the_calibration_that_lies_above(tmp_path):
+    """As pixels of other programs do; a project that has its own needs none, and takes none."""
+    arena, tunnel = real("bat_arena_two_digitisers"), real("bat_windtunnel_dltdv8", "078A3", "F1")
+    (without,) = arena.glob("validation_files_1/103*.mat")
+    (own,) = tunnel.glob("*.mat")
+    (tmp_path / "flight").mkdir()
+    for file in (without, own):
+        (tmp_path / "flight" / file.name).symlink_to(file)
+    (rig,) = arena.glob("*easyWandData.mat")
+    (tmp_path / rig.name).symlink_to(rig)
+    found = {trial.paths[0].name: trial for trial in find_trials([tmp_path])}
+    assert found[without.name].arguments["calibration"].name == rig.name
+    assert not found[without.name].skip
+    assert "calibration" not in found[own.name].arguments
+    assert not found[own.name].skip

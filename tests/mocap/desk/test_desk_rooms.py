@@ -136,7 +136,7 @@ def test_a_request_of_another_tab_writes_nothing(room):
             *((path, {}) for path in ("undo", "settle")),
             ("exchange", {**RANGE, "other": 0}),
             ("delete", RANGE),
-            *((path, DRAWN) for path in ("skeleton", "propose", "mirror")),
+            *((path, DRAWN) for path in ("skeleton", "propose", "measure", "mirror")),
         ]
         for path, what in writes:
             for more in ({"trial": "alpha", "edits": known}, {"trial": "beta", "edits": 7}, {"trial": "beta"}, {}):

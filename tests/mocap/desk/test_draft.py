@@ -1,5 +1,7 @@
 """What becomes of a skeleton that is drawn: names, sides, and what the page does not show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,57 @@ def test_a_proposal_keeps_names(draft):
     made.propose(**drawn(made, names=["left", "right", "p3"]))
     assert [{bone.a, bone.b} for bone in made.skeleton.bones] == [{"left", "right"}]
     assert made.info()["names"] == ["left", "right", "p3"]
+
+
+WINGED = ("back", "top", "side_l", "side_r", "tip_l", "tip_r")
+
+
+def winged(folder, *, beats, way_m=0.3):
+    """A trunk of four points that flies along x, and two wings that beat so often; drawn, without measures."""
+    t = np.arange(200)
+    body = np.array([[-0.05, 0, 0], [0.05, 0, 0.01], [0, 0.03, 0], [0, -0.03, 0]])
+    angle = 0.8 * np.sin(2 * np.pi * beats * t / len(t))
+    wing = 0.1 * np.column_stack([0 * t, np.cos(angle), np.sin(angle)])
+    way = way_m / len(t) * t[:, None] * [1, 0, 0]
+    parts = [*(way + b for b in body), way + body[2] + wing, way + body[3] + wing * [1, -1, 1]]
+    xyz = np.stack(parts, axis=1) + np.random.default_rng(0).normal(0, 1e-4, (len(t), 6, 3))
+    recording = mocap.from_arrays(xyz, names=[f"p{k}" for k in range(6)], fps=100)
+    skeleton = replace(recording.skeleton, measures={"up": "z"})
+    made = Draft(trial="t", recording=recording, skeleton=skeleton, path=folder / "s.toml")
+    bones = [[0, 1, True], [0, 2, True], [0, 3, True], [2, 4, True], [3, 5, True]]
+    return made, drawn(made, names=list(WINGED), bones=bones, trunk=[0, 1, 2, 3])
+
+
+def test_measures_are_added_to_what_is_drawn(tmp_path):
+    """Strokes of wings that beat, their span, and axes of the trunk that strokes need; all are there after saving.
+
+    Bones, trunk and joints stay as they were drawn. What is stated stays: a second time nothing is added.
+    """
+    made, sketch = winged(tmp_path, beats=8)
+    said = made.measure(**sketch)
+    measures = made.skeleton.measures
+    assert measures.strokes == {"tip_l": ("side_l", "tip_l"), "tip_r": ("side_r", "tip_r")}
+    assert (measures.forward, measures.left) == (("back", "top"), ("side_r", "side_l"))
+    assert set(measures.distances["span"]) == {"tip_l", "tip_r"}
+    assert said == "added forward, left, distances, strokes: check them"
+    assert len(made.skeleton.bones) == 5
+    assert ["forward", "forward", "back, top"] in made.info()["measures"]
+    assert "nothing was added" in made.measure(**drawn(made))
+    made.save(made.changed(**drawn(made), dropped=[["forward", "forward"], ["strokes", "tip_l"]]))
+    found = read_skeleton(made.path).measures
+    assert (found.forward, found.left, list(found.strokes)) == (None, ("side_r", "side_l"), ["tip_r"])
+
+
+def test_measures_that_nothing_shows_are_not_added(tmp_path):
+    """Still wings; an animal that stays where it is, whose front nothing tells; no trunk."""
+    made, sketch = winged(tmp_path, beats=0)
+    assert "nothing was added" in made.measure(**sketch)
+    assert not made.skeleton.measures.strokes
+    made, sketch = winged(tmp_path, beats=8, way_m=0.0)
+    assert "strokes need forward of the trunk" in made.measure(**sketch)
+    assert made.skeleton.measures.forward is None
+    with pytest.raises(MocapError, match=r"trunk: draw its points \(t\)"):
+        made.measure(**(sketch | {"trunk": []}))
 
 
 def test_both_sides_have_what_one_has():

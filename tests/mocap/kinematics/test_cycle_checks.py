@@ -182,6 +182,10 @@ def test_reasons_for_no_cycles_are_true(flight):
     assert "axes of the trunk" in axes
     assert "forward = [" in axes
     assert "left = [" in axes
+    assert [note for note in kinematics(motion, bare).notes if "no yaw, pitch and roll: add forward = [" in note]
+    half = replace(skeleton, measures=replace(measures, left=None))
+    assert [note for note in kinematics(motion, half).notes if "there is no roll: add left = [" in note]
+    assert not [note for note in found.notes if "no roll" in note or "and roll" in note]
     (none,) = why_none(replace(skeleton, measures=Measures()), found, [])
     assert "names no limbs" in none
     assert "strokes" in none
@@ -192,6 +196,42 @@ def test_reasons_for_no_cycles_are_true(flight):
     (doubtful,) = why_none(skeleton, found, rows)
     assert "extrapolated" in doubtful
     assert why_none(skeleton, found, beats()) == []
+
+
+def without(motion, *markers):
+    """The motion in which these markers are never known."""
+    xyz = motion.xyz_m.copy()
+    xyz[:, [motion.index(marker) for marker in markers]] = np.nan
+    return replace(motion, xyz_m=xyz)
+
+
+@pytest.mark.parametrize(
+    ("states", "lost", "said"),
+    [
+        (
+            {"strokes": {"wing_l": ("shoulder_l", "wrist_l")}},
+            ("wrist_l",),
+            "wing_l has no stroke angle: trunk, root and tip were not known together",
+        ),
+        ({"feet": ("wrist_l",)}, (), "no foot (wrist_l) set down twice"),
+        ({"chain": ("shoulder_l", "elbow_l", "wrist_l")}, (), "a wave needs a chain of four markers"),
+        (
+            {"chain": ("shoulder_r", "shoulder_l", "elbow_l", "wrist_l")},
+            ("wrist_l",),
+            "the whole chain was never tracked for one wave",
+        ),
+    ],
+)
+def test_each_cause_of_an_empty_table_of_cycles_has_its_sentence(flight, states, lost, said):
+    """A limb whose tip is never known, a foot that never stands, a chain that is too short or not seen."""
+    motion, skeleton, *_ = flight
+    states = {"feet": (), "chain": (), "strokes": {}} | states
+    one = replace(skeleton, measures=replace(skeleton.measures, **states))
+    part = without(motion, *lost)
+    found = kinematics(part, one)
+    reasons = why_none(one, found, cycles(found, part, one))
+    assert any(said in reason for reason in reasons), reasons
+    assert all(reason.startswith("cycles.csv is empty: ") for reason in reasons)
 
 
 def test_an_angle_of_which_nothing_is_known_is_empty(flight):

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -169,11 +170,31 @@ def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Itera
     coder.pix_fmt = "yuv420p"
     coder.time_base, coder.framerate = Fraction(1, 30), Fraction(30, 1)
     coder.gop_size, coder.max_b_frames, coder.options = 30, 0, _CODER
+    with not_in_real_time():
+        coder.open()
     for number, picture in enumerate(pictures):
         picture.pts, picture.time_base = number, coder.time_base
         picture.pict_type = 0  # the coder chooses
         yield from coder.encode(picture)
     yield from coder.encode(None)
+
+
+@contextmanager
+def not_in_real_time() -> Iterator[None]:
+    """Threads keep the scheduling of this one: run by root, SVT-AV1 gives itself and its caller real-time priority.
+
+    Whatever the caller starts later inherits that, and leaves the computer to nobody else while it works.
+    """
+    tasks = Path("/proc/self/task")
+    if not hasattr(os, "sched_getscheduler") or not tasks.is_dir():  # Linux alone schedules so
+        yield
+        return
+    before, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    yield
+    for task in tasks.iterdir():
+        with suppress(ProcessLookupError, PermissionError):
+            if os.sched_getscheduler(int(task.name)) != before:
+                os.sched_setscheduler(int(task.name), before, priority)
 
 
 def _pictures(

@@ -1,7 +1,10 @@
 """Films under the tracks: each disc that was filmed is seen where its marker's ideal pixel is."""
 
+import os
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import numpy as np
@@ -16,7 +19,7 @@ from mocap.errors import MocapError
 from mocap.io.movies import FIRST_PIXEL, open_movie, open_movies
 from mocap.rerun import paths
 from mocap.rerun.footage import footage
-from mocap.rerun.log_video import coded_size, offsets_of, with_footage
+from mocap.rerun.log_video import av1, coded_size, not_in_real_time, offsets_of, with_footage
 from mocap.rerun.record import write_recording
 from mocap.tracking.report_part import Report
 
@@ -52,7 +55,7 @@ def film(path, pictures, coder):
             with av.open(str(path / f"shot{k + 8}.png"), "w", format="image2") as one:
                 _encode(one, "png", [picture], "rgb24")
         return
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w") as container, not_in_real_time():
         _encode(container, coder, pictures, "yuv420p")
 
 
@@ -103,6 +106,19 @@ def test_a_bent_film_lies_under_the_ideal_pixels(viewer, tmp_path, coder, y_up, 
             assert share_found(picture, ideal[SEEN] + 2 * SHIFT_PX, MAGENTA) < 0.5
     assert found.pop("right") == 1.0
     assert all(share < 0.7 for share in found.values()), found
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="Linux alone schedules so")
+def test_coding_a_film_leaves_no_thread_in_real_time():
+    """Run by root, the coder gives itself and its caller real-time priority, which what they start inherits."""
+    pictures = (av.VideoFrame(64, 64, "yuv420p") for _ in range(6))
+    policies = set()
+    for _ in av1(pictures, (64, 64)):
+        for task in Path("/proc/self/task").iterdir():
+            with suppress(ProcessLookupError):
+                policies.add(os.sched_getscheduler(int(task.name)))
+    assert policies == {os.SCHED_OTHER}
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
 def test_an_av1_film_is_taken_as_it_is(viewer, tmp_path):

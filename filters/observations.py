@@ -113,7 +113,7 @@ class PixelObservations:
     @property
     def shown(self) -> NDArray[np.bool_]:
         """(T,) frames in which anything is seen."""
-        return self._seen.any(axis=(0, 2)) | self._met.any(axis=1)
+        return np.logical_or(self._seen.any(axis=(0, 2)), self._met.any(axis=1))
 
     @cached_property
     def _seen(self) -> NDArray[np.bool_]:
@@ -222,7 +222,7 @@ class PositionObservations:
     @property
     def shown(self) -> NDArray[np.bool_]:
         """(T,) frames in which anything is seen."""
-        return np.isfinite(self.xyz_m[..., 0]).any(axis=1)
+        return np.any(np.isfinite(self.xyz_m[..., 0]), axis=1)
 
     def sights(self, frame: int, mean: Array, cov: Array) -> Sights:  # noqa: ARG002
         """Three rows for each marker that is seen."""

@@ -45,6 +45,7 @@ def install(lock, stamp, folder=".venv", *, editable=False):
     if done.exists() and done.stat().st_mtime >= max(path.stat().st_mtime for path in sources):
         return
     if not python(folder).exists():
+        print(f"Making the environment {folder}", flush=True)
         run(sys.executable, "-m", "venv", folder)
     print(f"Installing packages ({SIZES[lock]}) into {folder}; some minutes, once.", flush=True)
     pip = [python(folder), "-m", "pip", "install", "--disable-pip-version-check"]
@@ -77,8 +78,9 @@ class Installed:
     def __str__(self):
         """In a few words."""
         loaded = f", {self.loaded_mb:.0f} MB downloaded" if self.loaded_mb else ""
-        stage = "unpacking them" if self.unpacking else f"of about {self.total}"
-        return f"{self.collected} packages {stage}{loaded}"
+        if self.unpacking:
+            return f"unpacking {self.collected} packages{loaded}"
+        return f"{self.collected} packages of about {self.total}{loaded}"
 
 
 def counted(command, *, total, every_s=10.0):

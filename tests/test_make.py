@@ -42,7 +42,7 @@ def test_installation_counts_packages_and_megabytes(make):
         shown(line)
     assert str(shown) == "2 packages of about 60, 17 MB downloaded"
     shown("Installing collected packages: numpy, filterpy")
-    assert str(shown) == "2 packages unpacking them, 17 MB downloaded"
+    assert str(shown) == "unpacking 2 packages, 17 MB downloaded"
     assert make.packages(ROOT / "requirements.lock") > 30
 
 

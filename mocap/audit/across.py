@@ -345,7 +345,7 @@ def _markers(one: TrialFacts, others: Sequence[TrialFacts]) -> list[Finding]:
         return [_odd("markers", f"{text}: give them the same names, by [aliases] of a skeleton", alarm=True)]
     lacks, more = sorted(usual - own), sorted(own - set(have))
     found = [f"lacks {', '.join(lacks[:8])}{', ...' if len(lacks) > 8 else ''}"] if lacks else []
-    found += [f"has {', '.join(more[:8])}{', ...' if len(more) > 8 else ''} alone"] if more else []
+    found += [f"has {', '.join(more[:8])}{', ...' if len(more) > 8 else ''}, which no other has"] if more else []
     return [_odd("markers", f"it {' and '.join(found)}", alarm=False)] if found else []
 
 

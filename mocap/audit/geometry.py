@@ -64,8 +64,8 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         )
     elif mirrored[0] and y_up is not True:
         text = (
-            "the world is mirrored (left-handed): left and right are swapped in all results: give a `calibration` "
-            "with right-handed axes"
+            "the world is mirrored (left-handed): names stay right, but in 3D left lies on the right, and turns and "
+            "signed angles have the other sign: give a `calibration` with right-handed axes"
             if y_up is False
             else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state "
             "`origin`"
@@ -74,8 +74,9 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         found.append(Finding(kind=Kind.MIRRORED_WORLD, alarm=y_up is False, text=text, mends=mends))
     elif y_up and not mirrored[0]:
         text = (
-            "the world is mirrored (left-handed), because pixel rows are counted from the lower left: left and "
-            "right are swapped: state `origin` if they are not, or give a `calibration` with right-handed axes"
+            "the world is mirrored (left-handed), because pixel rows are counted from the lower left: names stay "
+            "right, but in 3D left lies on the right: state `origin` if rows are not counted so, or give a "
+            "`calibration` with right-handed axes"
         )
         found.append(alarm(kind=Kind.MIRRORED_WORLD, text=text, mends=("origin", "calibration")))
     return found

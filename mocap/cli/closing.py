@@ -3,6 +3,7 @@
 import json
 import textwrap
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 from mocap.cli.console import in_options, program, show, show_text, typed
@@ -13,18 +14,24 @@ LINES = 25
 """A result takes no more lines on a terminal of 80 columns; all else is in the report."""
 
 
-def finish(report: Mapping, text: str, out: Path, *, as_json: bool, verbose: bool, also: Sequence[str] = ()) -> None:
+def finish(report: Mapping, text: str, out: Path, *, as_json: bool, verbose: bool, cycles: Sequence[str] = ()) -> None:
     """Say where the result is, how to look at it, what is wrong, and what error to expect."""
     if as_json:
         print(json.dumps(report))  # noqa: T201
         return
     if verbose:
         show(text)
-    show_text("\n".join(closing(report, out, also=also)))
+    show_text("\n".join(closing(report, out, cycles=cycles)))
 
 
-def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str]:
-    """The lines of ``finish``, at most ``LINES`` of 80 columns."""
+def closing(report: Mapping, out: Path, *, cycles: Sequence[str] = ()) -> list[str]:
+    """The lines of ``finish``, at most ``LINES`` of 80 columns.
+
+    Args:
+        report: Of the result.
+        out: Its folder.
+        cycles: Their frequency, or why there is none.
+    """
     page = "report.md" if report.get("plane") else "report.html"
     counts = report["frames"], len(report["markers"]), len(report["cameras"])
     size = ", ".join(number_of(n, thing) for n, thing in zip(counts, ("frame", "marker", "camera"), strict=True) if n)
@@ -34,29 +41,30 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
     if not report.get("plane"):
         lines += _indented(f"Look:   {typed(*program(), 'view', out)}   (in the browser: add --web)")
     after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
-    after += ["", "Animal", *_indented(length_line(report))]
-    wrong = [in_options(sentence) for sentence in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]
+    animal = length_line(report), *map(in_options, cycles)
+    after += ["", "Animal", *(part for line in animal for part in _indented(line))]
+    wrong = [in_options(sentence) for sentence in (*report.get("wrong", ()), *filter(None, [better(report)]))]
     left_open = [in_options(sentence) for sentence in report.get("open", ())]
     known = "Nothing is wrong, as far as is known" if left_open else "Nothing is wrong"
     lines += ["", "What is wrong, worst first" if wrong else known]
-    after = [*_left_open(left_open), *after]
     decided = len(notes(report))
-    for shown in range(len(wrong), -1, -1):
+    for shown, whole in product(range(len(wrong), -1, -1), (True, False)):
         told = wrong[:shown] or [textwrap.shorten(one, 74, placeholder=" ...") for one in wrong[:1]]  # one line
         items = [part for k, one in enumerate(told) for part in _indented(f"{k + 1}. {one}", deeper="   ")]
         more = [f"{len(wrong) - len(told)} more"] if len(told) < len(wrong) else []
         more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
         items += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
-        if len(lines) + len(items) + len(after) <= LINES:
+        end = [*_left_open(left_open, whole=whole), *after]
+        if len(lines) + len(items) + len(end) <= LINES:
             break
-    return [*lines, *items, *after]
+    return [*lines, *items, *end]
 
 
-def _left_open(texts: Sequence[str]) -> list[str]:
-    """What its user can state: a line each, of many the first two."""
+def _left_open(texts: Sequence[str], *, whole: bool) -> list[str]:
+    """What its user can state: whole or a line each, of many the first two."""
     if not texts:
         return []
-    told = [textwrap.shorten(text, 76, placeholder=" ...") for text in texts[:2]]
+    told = [text if whole else textwrap.shorten(text, 76, placeholder=" ...") for text in texts[:2]]
     told += [f"{len(texts) - 2} more"] if len(texts) > 2 else []
     return ["", "Left open, to be stated", *(part for line in told for part in _indented(line))]
 

@@ -109,8 +109,9 @@ def track(
             result.write(folder, progress=tell)
     limbs = result.skeleton.joints or result.skeleton.measures.cyclic
     cycles = limbs and not size and (out / "cycles.csv").exists()
-    also = result.why_no_cycles if cycles else []
-    finish(result.report, result.report_text, out, as_json=printed.as_json, verbose=printed.verbose, also=also)
+    told = [f"{one.number}: {one.meaning}" for one in result.frequencies] if cycles else []
+    told = told or (result.why_no_cycles if cycles else [])
+    finish(result.report, result.report_text, out, as_json=printed.as_json, verbose=printed.verbose, cycles=told)
 
 
 def block_size(recording: "Recording", requested: int | None) -> int:

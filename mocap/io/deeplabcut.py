@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.needs import installing
 from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import plain_pickle
@@ -221,8 +222,8 @@ def _write_hdf5(path: Path, recording: FileContents) -> None:
         importlib.import_module("tables")
     except ImportError:
         raise FormatError(
-            f"{path.name}: writing DeepLabCut's HDF5 needs PyTables, not installed here: run pip install "
-            "'eal-mocap[deeplabcut]', or write its CSV (--to deeplabcut-csv)"
+            f"{path.name}: writing DeepLabCut's HDF5 needs PyTables, not installed here: run "
+            f"{installing('deeplabcut')}, or write its CSV (--to deeplabcut-csv)"
         ) from None
     for file, table in _tables(path, recording):
         with TemporaryDirectory() as folder:  # PyTables tells files apart by the ends of their names

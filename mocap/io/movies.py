@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.needs import installing
 from mocap.errors import FormatError, MocapError
 
 if TYPE_CHECKING:
@@ -208,6 +209,6 @@ def pyav() -> ModuleType:
         import av.error
     except ImportError:
         raise FilmError(
-            "videos need PyAV, which is not installed: run pip install 'eal-mocap[film]', or leave the videos out"
+            f"videos need PyAV, which is not installed: run {installing('film')}, or leave the videos out"
         ) from None
     return av

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.needs import installing
 from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import check_bytes
@@ -151,8 +152,7 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
         sleap_io: Any = importlib.import_module("sleap_io")
     except ImportError:
         raise FormatError(
-            f"{path.name}: reading a file of SLEAP (.slp) needs sleap_io, not installed here: run pip install "
-            "'eal-mocap[sleap]'"
+            f"{path.name}: reading a file of SLEAP (.slp) needs sleap_io, not installed here: run {installing('sleap')}"
         ) from None
     with damaged(f"{path.name}: sleap-io cannot read it", "export it again"):
         labels = sleap_io.load_slp(str(path), open_videos=False)

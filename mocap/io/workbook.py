@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from eal.needs import installing
 from mocap.documents import damaged
 from mocap.errors import FormatError
 from mocap.io.apart import check_bytes
@@ -58,7 +59,7 @@ def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
         import openpyxl
     except ImportError:
         raise FormatError(
-            f"{path.name}: workbooks need openpyxl: pip install 'eal-mocap[excel]', or save the sheet as CSV"
+            f"{path.name}: workbooks need openpyxl: {installing('excel')}, or save the sheet as CSV"
         ) from None
     with damaged(f"{path.name}: cannot be read as a workbook", "save it again, or as CSV"):
         with zipfile.ZipFile(path) as pack:
@@ -163,7 +164,7 @@ def write_sheets(path: Path, sheets: Mapping[str, tuple[Sequence[Any], Iterable[
     try:
         import openpyxl
     except ImportError:
-        raise FormatError(f"{path.name}: workbooks need openpyxl: pip install 'eal-mocap[excel]'") from None
+        raise FormatError(f"{path.name}: workbooks need openpyxl: {installing('excel')}") from None
     book = openpyxl.Workbook(write_only=True)
     for name, (titles, rows) in sheets.items():
         if len(titles) > COLUMNS:

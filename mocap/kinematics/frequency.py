@@ -10,6 +10,7 @@ from scipy.linalg import cho_factor, cho_solve
 from eal.arrays import Z95, Array
 from mocap.kinematics.cycle_checks import turning_times
 from mocap.kinematics.records import COUNTED, Cycle
+from mocap.text import number_of
 
 WANDER = 0.05
 """Scale of the half-Cauchy prior of how much one period differs from the next, as a share of the period: wing beats of
@@ -45,6 +46,17 @@ class Frequency:
     spread_hz: float
     n_cycles: int
     n_doubtful: int
+
+    @property
+    def number(self) -> str:
+        """With half the width of its interval and its unit."""
+        return f"{self.value_hz:.2f} ± {self.high_hz - self.value_hz:.2g} Hz"
+
+    @property
+    def meaning(self) -> str:
+        """What the number is of, and what was left out."""
+        left = f", {self.n_doubtful} doubtful ones left out" if self.n_doubtful else ""
+        return f"{self.kind.replace('_', ' ')} frequency, 95 % interval ({number_of(self.n_cycles, 'cycle')}{left})"
 
 
 @dataclass(frozen=True)

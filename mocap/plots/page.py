@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from eal.arrays import Z95, Array
-from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table
+from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table, why_none
 from mocap.kinematics.extremes import STATISTICS, cycle_statistics
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import Kinematics, Quantity, Rests
@@ -50,6 +50,7 @@ def report_page(
     details = MarkdownIt("commonmark", {"html": False}).enable("table")
     sources = {one.name: base64.b64encode(svg[one.name].encode()).decode() for one in shown}
     frames = found.t_s
+    none = why_none(run.skeleton, found, rows) if run.skeleton.measures.cyclic else []
     wrong = cast(Sequence[str], run.report.get("wrong", ()))
     remedies = {f.text: entry for f in run.findings if f.text in wrong and (entry := what_to_do(f.kind)) is not None}
     told = dict.fromkeys(remedies[said] for said in wrong if said in remedies)
@@ -66,7 +67,7 @@ def report_page(
         wrong=[(_linked(said), anchors[remedies[said]] if said in remedies else None) for said in wrong],
         remedies=[(anchors[one], one[0], details.render(one[1])) for one in anchors],
         open=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("open", ()))],
-        notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes]],
+        notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes, *none]],
         cycles=_cycles(rows),
         angles=_angles(run, found),
         peaks=_peaks(run, found, rows),
@@ -118,11 +119,7 @@ def _numbers(run: Result, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
             out.append((f"{error.z:.2f}", f"errors in gaps over stated sd: intervals are too {error.wrong_by}"))
     if report.get("length_m"):
         out.append((length_text(report["length_m"]), "length of the animal"))
-    for one in frequencies(rows)[:1]:
-        kind, half = one.kind.replace("_", " "), one.high_hz - one.value_hz
-        of = f"{one.n_cycles} cycles" + (f", {one.n_doubtful} doubtful ones left out" if one.n_doubtful else "")
-        out.append((f"{one.value_hz:.2f} ± {half:.2g} Hz", f"{kind} frequency, 95 % interval ({of})"))
-    return out
+    return out + [(one.number, one.meaning) for one in frequencies(rows)[:1]]
 
 
 def _linked(finding: str) -> list[tuple[str, str]]:

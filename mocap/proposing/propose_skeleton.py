@@ -211,12 +211,17 @@ def body_joints(bones: Sequence[tuple[int, int]], body: NDArray[np.int64], trunk
 
 def _calmest(names: Sequence[str], trial: MarkerTrial) -> list[str]:
     """A line with the three markers that accelerate least, of four or more: of a flying bat mostly its trunk's."""
-    dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
-    acceleration = marker_motion(trial.xyz_m, dt_s=dt_s)[:, 1]
+    acceleration = _accelerations(trial)
     if np.isfinite(acceleration).sum() < 4:
         return []
     first, second, third = (quoted(names[m]) for m in np.argsort(acceleration, kind="stable")[:3])
     return [f"{first}, {second} and {third} accelerate least of all."]
+
+
+def _accelerations(trial: MarkerTrial) -> Array:
+    """(M,) standard deviation of each marker's acceleration; NaN where it is seen too seldom."""
+    dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
+    return marker_motion(trial.xyz_m, dt_s=dt_s)[:, 1]
 
 
 def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -> list[Articulation]:
@@ -299,9 +304,11 @@ def trunk_of(trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]]) -
     """Three to five markers that move as one body in the middle of the animal; none where no three do.
 
     From each marker a body grows by the nearest ones that keep their distances. Of the bodies that wobble by less than
-    ``WOBBLES_DEG`` it is the one without which the bones fall apart into the smallest pieces; then the steadiest.
+    ``WOBBLES_DEG`` and accelerate no more than the other markers (a wing's blade keeps its distances, too) it is the
+    one without which the bones fall apart into the smallest pieces; then the steadiest.
     """
     best: tuple[int, int, float, list[int]] | None = None
+    quickness = _accelerations(trial)
     for start, length in enumerate(kept.length_m):
         body = [start]
         for marker in np.argsort(np.where(np.isnan(length), np.inf, length), kind="stable").tolist():
@@ -314,6 +321,9 @@ def trunk_of(trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]]) -
             if wobbles > WOBBLES_DEG:
                 if len(body) > 3:
                     body.pop()
+                continue
+            others = np.delete(quickness, body)
+            if len(body) >= 3 and np.isfinite(others).any() and np.median(quickness[body]) > np.nanmedian(others):
                 continue
             found = (_largest_piece(len(kept.length_m), bones, body), -len(body), wobbles, sorted(body))
             best = found if best is None else min(best, found)

@@ -26,6 +26,7 @@ from mocap.measures import JointAxes
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
+from mocap.reading.reading import animal
 from mocap.recording import Recording, as_recording
 from mocap.records import Status
 from mocap.report.job import run_job
@@ -332,17 +333,20 @@ class Tracked(Result):
         return Plots(self, self.kinematics, self._cycles, self.footfalls)
 
     def with_skeleton(self, skeleton: Skeleton) -> "Tracked":
-        """The same markers, with what another skeleton states of joints, axes, outlines and masses.
+        """The same markers, with what another skeleton states of names, joints, axes, outlines and masses.
 
-        Covariances between markers are those that were kept when the recording was tracked: of quantities that need
-        others ``kinematics.notes`` says so.
+        Its aliases rename the markers, as where a file is read. Covariances between markers are those that were kept
+        when the recording was tracked: of quantities that need others ``kinematics.notes`` says so.
 
         Raises:
-            SkeletonError: it uses a marker that the recording lacks.
+            SkeletonError: it uses a marker that the recording lacks, or gives two of them one name.
         """
-        checked = skeleton.for_markers(self.names, source=self.name)
-        found = replace(self, skeleton=checked)
-        return found.with_motion(with_means(self.motion, rate_points(found)))
+        checked, called = animal(skeleton, self.names)
+        renamed = dict(zip(self.names, called, strict=True))
+        points = [renamed.get(name, name) for name in self.motion.names]
+        names = {dim: np.array(of, dtype=object) for dim, of in (("keypoint", called), ("point", points))}
+        found = replace(self, skeleton=checked, data=self.data.assign_coords(names))
+        return found.with_motion(with_means(found.motion, rate_points(found)))
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""

@@ -136,3 +136,16 @@ def test_help_has_panels_and_words_of_the_field(monkeypatch):
         assert not re.search(r"<(int|str|float|bool|path|list)", CliRunner().invoke(app, [command, "--help"]).output), (
             command
         )
+
+
+def test_the_last_lines_have_the_frequency_or_why_there_is_none():
+    """Beside the animal's length; a sentence that is left open is whole where there is room, else in one line."""
+    report = {"name": "a", "frames": 9, "markers": ["m"], "cameras": [], "length_m": 0.2, "model": {"name": "mixture"}}
+    report |= {"open": [f"no unit is stated: {'so that it is long ' * 8}end of it"]}
+    told = "\n".join(closing(report, Path("out"), cycles=["8.25 ± 0.1 Hz: wing beat frequency"]))
+    assert "  8.25 ± 0.1 Hz: wing beat frequency" in told.partition("\nAnimal\n")[2]
+    assert "end of it" in told
+    crowded = report | {"wrong": [f"{number} is wrong: {'as it is ' * 30}" for number in range(3)]}
+    lines = closing(crowded, Path("out"), cycles=["none of the 5 cycles counts"])
+    assert len(lines) <= 25
+    assert any("none of the 5 cycles" in line for line in lines)

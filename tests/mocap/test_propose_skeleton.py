@@ -61,6 +61,33 @@ def test_an_arm_on_a_body():
     assert {(b, c) for _, b, c in joint_triples(kept, bones, [0, 1, 2, 3])} == {(1, 4), (4, 5)}
 
 
+def test_what_moves_most_is_no_trunk():
+    """A wing's blade keeps its distances, too: shaken more than all else it is none; shaken less, it is the trunk."""
+    still = np.random.default_rng(1).normal(size=(4, 3)) * 0.05
+    t_s = np.arange(300) / 100
+    swing = 0.05 * np.sin(2 * np.pi * 3 * t_s)[:, None, None] * [0.0, 0.0, 1.0]
+    drift = 0.002 * np.cumsum(np.random.default_rng(2).normal(size=(300, 3, 3)), axis=0)
+    drift = np.stack([np.convolve(one, np.ones(60) / 60, "same") for one in drift.reshape(300, 9).T], axis=1)
+    blade = np.array([[0.3, 0, 0], [0.36, 0, 0], [0.3, 0.05, 0]])
+    loose = still[:3] + drift.reshape(300, 3, 3)
+    for moves, expected in ((blade + swing, []), (loose + swing, [0, 1, 2])):
+        rigid = moves if not expected else np.broadcast_to(blade, (300, 3, 3))
+        rest = loose if not expected else moves
+        xyz = np.concatenate([rigid, rest], axis=1)
+        one = MarkerTrial(name="wing", t_s=t_s, xyz_m=xyz, sd_m=np.zeros(xyz.shape[:2]))
+        kept = kept_distances(one)
+        assert trunk_of(one, kept, spanning_bones(kept)) == expected
+
+
+def test_the_wing_of_a_real_bat_is_no_trunk():
+    """Of two flights: tip, wrist and fifth digit are a stiff blade in one; in the other three calm points are found."""
+    folder = real("bat_windtunnel_dltdv8", "derived_csv", "FE404_F2")
+    one = read(folder / "FE404_F2_xypts.csv", calibration=folder / "FE404_F2_dltCoefs.csv", fps=700)
+    assert propose_skeleton(one).skeleton.trunk == ()
+    other = real("bat_windtunnel_dltdv8", "078A3", "F4", "carollia_2April2021_078A3m_trial4_dvProject.mat")
+    assert set(propose_skeleton(read(other, fps=700)).skeleton.trunk) == {"pt7", "pt10", "pt12"}
+
+
 def test_bones_are_a_minimum_spanning_forest():
     """As many edges and the same weight as SciPy's tree over the pairs that vary little."""
     kept = kept_distances(trial(make_lizard(seed=3, n_frames=200)))

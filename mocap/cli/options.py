@@ -24,15 +24,16 @@ STATED = options_of(ReadOptions) | options_of(TrackOptions)
 """What there is to say of the options that ``mocap.read`` and ``mocap.track`` have, too."""
 
 
-def shared(name: str, **more: Any) -> Any:
+def shared(name: str, *, also: str = "", **more: Any) -> Any:
     """The option of that name, of which the record of options says what it does and what it is called.
 
     Args:
         name: The field's.
+        also: What this command adds to that.
         **more: What concerns a terminal alone, as ``typer.Option`` takes it.
     """
     option = STATED[name]
-    text = option.help
+    text = f"{option.help} {also}".rstrip()
     if name == "validate":  # what is shown is what changes the default: --no-validate
         return typer.Option(help=f"Do not {text[0].lower()}{text[1:]}", **more)
     return typer.Option(*flags_of(name, option), help=text, **more)
@@ -289,6 +290,15 @@ class TrackingOptions:
     model: ModelName = "auto"
     validate: Validate = True
     seed: Seed = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchTracking(TrackingOptions):
+    """The same of many trials, of which a model can be learned first."""
+
+    model: Annotated[str, shared("model", also="learn: of all trials, first.", autocompletion=offered("models"))] = (
+        "auto"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -88,7 +88,7 @@ def track_one_camera(
         found = fitted.fill(views, rate_points=rate_points_of(own, rate_points(source)), progress=progress)
     scores: Mapping[str, Score] = {}
     if validated:
-        points = np.where(part.seen.any(axis=0)[..., None], found.xyz_m, np.nan)
+        points = np.where(np.any(part.seen, axis=0)[..., None], found.xyz_m, np.nan)
         filled = replace(unseen, t_s=part.t_s, xyz_m=points)
         with stages.stage("validate on hidden samples") as progress:
             scores = filled_views(

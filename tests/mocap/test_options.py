@@ -20,7 +20,12 @@ def defaults(function):
 
 @pytest.mark.parametrize(
     ("function", "record"),
-    [(mocap.read, ReadOptions), (mocap.from_pixels, FilmedOptions), (mocap.track, TrackOptions)],
+    [
+        (mocap.read, ReadOptions),
+        (mocap.from_pixels, FilmedOptions),
+        (mocap.track, TrackOptions),
+        (mocap.batch, TrackOptions),
+    ],
 )
 def test_python_takes_every_option_with_its_default(function, record):
     """By name; its help says of ``read`` and ``from_pixels`` what the record says."""
@@ -40,10 +45,12 @@ def test_commands_that_read_take_every_option_of_a_recording(command):
             assert found[flag].help == option.help
 
 
-@pytest.mark.parametrize("command", ["track", "desk"])
+@pytest.mark.parametrize("command", ["track", "desk", "batch"])
 def test_commands_that_track_take_every_option_of_tracking(command):
+    """By name, with the defaults of the record; its help begins as the record says."""
     found = {one.name: one for one in typer.main.get_command(app).commands[command].params}
     assert {one.name: one.default for one in fields(TrackOptions)} == {name: found[name].default for name in TRACK}
+    assert all(found[name].help.startswith(TRACK[name].help) for name in ("model", "seed"))
 
 
 def test_a_batch_takes_every_option_in_its_manifest_and_in_its_record():

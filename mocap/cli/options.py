@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand
 
 from mocap.cli.offered import offered
+from mocap.entrances import UNASKED
 from mocap.options import ReadOptions, TrackOptions, flags_of, options_of
 from mocap.pixel_corner import PixelCorner
 
@@ -340,6 +341,28 @@ def with_records(command: Callable[..., None]) -> Callable[..., None]:
 
     called.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
     called.__annotations__ = {name: one.annotation for name, one in parameters.items()}
+    del called.__wrapped__  # type: ignore[attr-defined]
+    return called
+
+
+def refusing(command: Callable[..., None]) -> Callable[..., None]:
+    """A command for typer that says why it does not take an option of a recording (``mocap.entrances.UNASKED``)."""
+    reasons, taken = UNASKED[command.__name__], inspect.signature(command).parameters
+    hidden: dict[str, Any] = {}
+    for name in reasons:
+        kind, default = (bool, False) if STATED[name].of is bool else (str | None, None)
+        option = Annotated[kind, shared(name, hidden=True)]
+        hidden[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=option)
+
+    @wraps(command)
+    def called(**given: Any) -> None:
+        for name, why in reasons.items():
+            if given.pop(name) not in (None, False):
+                raise typer.BadParameter(why, param_hint=flags_of(name, STATED[name])[0])
+        command(**given)
+
+    called.__signature__ = inspect.Signature([*taken.values(), *hidden.values()])  # type: ignore[attr-defined]
+    called.__annotations__ = {name: one.annotation for name, one in {**taken, **hidden}.items()}
     del called.__wrapped__  # type: ignore[attr-defined]
     return called
 

@@ -55,35 +55,6 @@ def origin_finding(decision: PixelOrigin) -> Finding:
     )
 
 
-def audit_filmed(
-    cameras: Sequence[Camera],
-    pixels: PixelTracks,
-    ideal_px: Array,
-    decision: PixelOrigin,
-    *,
-    stored: MarkerTracks | None = None,
-    stored_px: Array | None = None,
-    named_px: Array | None = None,
-    timed: bool = True,
-    sized: bool = True,
-    first: int = 0,
-) -> list[Finding]:
-    """The findings of ``audited``."""
-    found = audited(
-        cameras,
-        pixels,
-        ideal_px,
-        decision,
-        stored=stored,
-        stored_px=stored_px,
-        named_px=named_px,
-        timed=timed,
-        sized=sized,
-        first=first,
-    )
-    return [*found.findings]
-
-
 def audited(
     cameras: Sequence[Camera],
     pixels: PixelTracks,
@@ -183,7 +154,7 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
     def ideal(iterations: int | None) -> Array:
         return decision.ideal(cameras, pixels.uv_px, iterations=iterations)
 
-    return audit_filmed(
+    found = audited(
         cameras,
         pixels,
         ideal(None),
@@ -193,3 +164,4 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
         timed=recording.fps is not None,
         sized=recording.unit is not None,
     )
+    return [*found.findings]

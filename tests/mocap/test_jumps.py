@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from mocap.datasets import make_bat, make_lizard
 
-from mocap.audit import alarms, audit_recording, audited, jump_findings
+from mocap.audit import alarms, audited, jump_findings
+from mocap.audit.file_audit import audit_recording
 from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.cleaning.cleaned import Cleaned

@@ -8,6 +8,8 @@ import pytest
 
 import mocap
 from mocap.cli.main import main
+from mocap.errors import MocapError
+from mocap.results.long_result import write_in_blocks
 from tests.filters.flapping_trials import FPS, flapping
 from tests.mocap.test_track_one_camera import files_of, model_of
 
@@ -39,3 +41,11 @@ def test_hidden_points_are_filled_and_scored_alike_in_every_entrance(tmp_path, m
     row = pd.read_csv(tmp_path / "many" / "summary.csv").iloc[0]
     assert row["hidden_samples"] == found["hidden_samples"]
     assert row["rmse_mm"] == pytest.approx(own["rmse_mm"], rel=1e-4)
+
+
+def test_blocks_are_refused_with_the_reason(tmp_path):
+    """Not as a recording in which no marker is ever seen, which it was called: blocks look for two rays."""
+    pixels, calibration = files_of(flapping(9, frames=60), slice(25, 35), tmp_path)
+    recording = mocap.read(pixels, calibration=calibration, fps=FPS, unit="m")
+    with pytest.raises(MocapError, match=r"at once, not in blocks, as the whole decides .*: give `blocks` 0"):
+        write_in_blocks(recording, tmp_path / "out")

@@ -82,7 +82,7 @@ MUTANTS = (
     Mutant("filters/bones.py", "RIGID = 0.05", "RIGID = 0.06", f"{LIMITS} -k five_percent"),
     Mutant("filters/bones.py", "LEAST_SIZE = 0.02", "LEAST_SIZE = 0.025", f"{LIMITS} -k two_sizes"),
     Mutant("filters/bones.py", "(0.005 * length)", "(0.01 * length)", f"{LIMITS} -k half_a_percent"),
-    Mutant("filters/poses.py", "INDEPENDENT = 0.1\n", "INDEPENDENT = 0.12\n", f"{LIMITS} -k ten_frames"),
+    Mutant("filters/independent.py", "INDEPENDENT = 0.1\n", "INDEPENDENT = 0.12\n", f"{LIMITS} -k ten_frames"),
     Mutant("filters/poses.py", "LEAST_KNOWN = 0.8", "LEAST_KNOWN = 0.74", f"{LIMITS} -k four_fifths"),
     Mutant("filters/poses.py", "1.6783", "1.6983", f"{LIMITS} -k matern"),
     Mutant("filters/joint_types.py", "MOVES_DEG = 10.0", "MOVES_DEG = 12.0", f"{LIMITS} -k ten_degrees"),

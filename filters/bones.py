@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from mocap.filters.independent import INDEPENDENT
 from mocap.filters.motion.potential import Bones
-from mocap.filters.poses import INDEPENDENT, MarkerTrial
+from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
 from eal.arrays import Array

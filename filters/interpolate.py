@@ -24,7 +24,7 @@ def interpolated(xyz_m: Array, t_s: Array, *, kind: str) -> Array:
         if kind == "cubic" and len(frames) >= 4:
             out[inside, marker] = CubicSpline(t, x)(t_s[inside])
         else:
-            out[inside, marker] = np.stack([np.interp(t_s[inside], t, x[:, k]) for k in range(3)], axis=-1)
+            out[inside, marker] = np.stack([np.interp(t_s[inside], t, of) for of in x.T], axis=-1)
     return out
 
 

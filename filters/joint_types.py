@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from mocap.filters.anatomy import Limb, anatomy_of
 from mocap.filters.bones import RIGID
-from mocap.filters.poses import FEWEST_FRAMES
+from mocap.filters.independent import FEWEST_FRAMES
 
 from eal.arrays import Array
 

@@ -5,16 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from mocap.filters.body_axes import BodyFrames, body_frames, trunk_shape
+from mocap.filters.independent import INDEPENDENT
 from mocap.filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
 from mocap.filters.whittaker import fastest_hz, smooth_series
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-
-INDEPENDENT = 0.1
-"""Neighbouring frames err alike, lengths too: each counts as so many independent ones. Chosen, not measured."""
-FEWEST_FRAMES = round(2 / INDEPENDENT)
-"""Two independent ones, which have a variance: of fewer nothing is learned of lengths and directions."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mocap.filters.body_axes import aligned, nearest_rotation, trunk_shape
 from mocap.filters.conditional import expected, patterns
+from mocap.filters.independent import FEWEST_FRAMES
 from mocap.filters.observations import Observations
-from mocap.filters.poses import FEWEST_FRAMES, MarkerTrial
+from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.spatial.distance import squareform

@@ -33,6 +33,18 @@ TABLE: Mapping[str, Mapping[str, str]] = {
 }
 """By kind of recording and entrance: why it is refused (a part of the message); empty: it is taken."""
 
+_BESIDE = "give this file as one more of FILES, which are combined"
+_AS_IT_IS = "mocap convert writes what files hold and decides nothing of it: mocap track does"
+UNASKED: Mapping[str, Mapping[str, str]] = {
+    "convert": {
+        **dict.fromkeys(("calibration", "profile"), _BESIDE),
+        **dict.fromkeys(("skeleton", "origin", "calibration_origin", "image_height_px", "mm_per_px"), _AS_IT_IS),
+        **dict.fromkeys(("pixel_sd", "point_sd_mm", "correct_lag", "fit_lens"), _AS_IT_IS),
+        **dict.fromkeys(("stored_points", "edits", "edits_anyway"), _AS_IT_IS),
+    }
+}
+"""Options of a recording (``mocap.options.ReadOptions``) that a command which reads it does not take, and why."""
+
 
 def as_markdown() -> str:
     """The table for pages: a row a kind, a column an entrance."""

@@ -9,7 +9,7 @@ from functools import cached_property
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -19,6 +19,7 @@ from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked
 from mocap.errors import MocapError
 from mocap.findings import Finding, worst_first
+from mocap.parts import Part
 from mocap.records import MarkerTracks, PixelTracks, Plane
 from mocap.skeleton import Skeleton
 from mocap.variables import VARIABLES, Values
@@ -54,39 +55,6 @@ def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequ
         made[name] = (variable.dims, frozen, {"units": variable.unit} if variable.unit else {})
     axes = {axis for name in values for axis in VARIABLES[name].dims if axis in AXES and axis not in data.coords}
     return data.assign_coords({axis: AXES[axis] for axis in axes}).assign(made)
-
-
-class Part(Protocol):
-    """What one step found, or decided, beside the variables that it wrote: a frozen record in the step's own room.
-
-    Attributes:
-        step: The verb that adds it: ``read``, ``clean`` or ``track``.
-        depends_on: Names of the classes of parts that it rests on: where one of them is replaced, it goes.
-    """
-
-    step: ClassVar[str]
-    depends_on: ClassVar[tuple[str, ...]]
-
-    def at(self, frames: NDArray[np.int64]) -> Self:
-        """Of these frames, by their indices."""
-        ...
-
-    def only(self, markers: NDArray[np.int64]) -> Self:
-        """Of these markers, by their indices."""
-        ...
-
-    def findings(self) -> tuple[Finding, ...]:
-        """What is to be told of it."""
-        ...
-
-    def to_file(self, folder: Path) -> dict[str, Any]:
-        """What a file holds of it, as JSON has it; what is too large for that is written into the folder."""
-        ...
-
-    @classmethod
-    def of_file(cls, entries: Any, folder: Path, where: str) -> Self:
-        """Read back; a FormatError that begins with ``where`` if it is not as it was written."""
-        ...
 
 
 P = TypeVar("P")

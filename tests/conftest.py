@@ -82,6 +82,7 @@ SLOW = {
     "mocap/kinematics/test_body_joints.py": 4,
     "mocap/kinematics/test_functional.py": 5,
     "mocap/kinematics/test_moments.py": 2,
+    "mocap/test_one_camera_entrances.py": 20,
     "mocap/test_pages_run.py": 60,
     "mocap/test_mobility.py": 20,
     "mocap/test_parts.py": 20,

@@ -8,6 +8,7 @@ import numpy as np
 from mocap.filters.anatomy import Anatomy, Limb
 from mocap.filters.bones import RIGID
 from mocap.filters.errors import FilterError
+from mocap.filters.independent import FEWEST_FRAMES, INDEPENDENT
 from mocap.filters.joint_types import Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.limbs import held_together, known_poses, sides
@@ -16,8 +17,6 @@ from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
 from mocap.filters.poses import (
-    FEWEST_FRAMES,
-    INDEPENDENT,
     MarkerTrial,
     PoseTrial,
     Shapes,

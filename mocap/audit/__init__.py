@@ -4,7 +4,7 @@ Pixels with their cameras, or positions, come in; files only where ``inspect`` t
 camera offsets go out: nothing is corrected here. It touches no file but those to be inspected.
 """
 
-from mocap.audit.audit import Audit, audit_filmed, audit_recording, audited, origin_finding
+from mocap.audit.audit import Audit, audited
 from mocap.audit.geometry import HiddenLens, fit_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras, moved, start_offsets
 from mocap.audit.rate import rate_findings
@@ -21,8 +21,6 @@ __all__ = [
     "Offsets",
     "StalePoint",
     "alarms",
-    "audit_filmed",
-    "audit_recording",
     "audited",
     "estimate_offsets",
     "fit_findings",
@@ -32,7 +30,6 @@ __all__ = [
     "late_cameras",
     "moved",
     "of_jumps",
-    "origin_finding",
     "other_world",
     "pixel_findings",
     "point_findings",

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.findings import MOST, Finding, Kind, alarm
-from mocap.io.plausible import rounding
+from mocap.io.rounding import rounding
 from mocap.text import number_of
 
 OFF = 25.0

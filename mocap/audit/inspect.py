@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap.audit import audit_recording
+from mocap.audit.file_audit import audit_recording
 from mocap.cameras.camera import check_cameras, stacked, undistorted
 from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.errors import CalibrationError, FormatError, MocapError

@@ -11,7 +11,7 @@ from mocap.audit.frames import exchanged_frames, path_findings
 from mocap.audit.names import exchange_rates
 from mocap.audit.units import unit_findings
 from mocap.findings import MOST, Finding, Kind, alarm
-from mocap.io.plausible import rounding
+from mocap.io.rounding import rounding
 from mocap.records import MarkerTracks, PixelTracks
 
 BESIDE = 2

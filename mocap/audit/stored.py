@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.findings import MOST, Finding, Kind, alarm
-from mocap.io.plausible import rounding
+from mocap.io.rounding import rounding
 from mocap.records import MarkerTracks
 
 PRINTED_M = 2e-6

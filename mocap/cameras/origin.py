@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from eal.arrays import Array
-from mocap.calls import check_stated
+from mocap.bounds import check_stated
 from mocap.cameras.arrangement import (
     BETTER,
     LOOKED_AT_PX,

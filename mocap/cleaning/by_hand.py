@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from eal.arrays import Array
-from mocap import audit
+from mocap.audit.offsets import in_step
 from mocap.cameras import triangulate
 from mocap.cleaning import sentences
 from mocap.cleaning.bias import carried, hand_sd, share_left
@@ -89,11 +89,11 @@ def _placed(recording: Recording, edited: Recording) -> Array:
     out = np.array(without_lens(recording, np.where(at, edited.data["pixels"].values, np.nan)))
     if late is not None and late.any():
         own = np.array(without_lens(recording, without_hand(edited).data["pixels"].values))
-        in_step = audit.in_step(own, late)
+        together = in_step(own, late)
         for c in np.flatnonzero(late):
             out[c], own[c] = (_moved(pixels[c], round(float(late[c]))) for pixels in (out, own))
-            finite = np.isfinite(in_step[c] - own[c])
-            out[c] += np.where(finite, in_step[c] - own[c], 0.0)
+            finite = np.isfinite(together[c] - own[c])
+            out[c] += np.where(finite, together[c] - own[c], 0.0)
     for bad in recording[Cleaned].bad_cameras:
         if bad.moved:
             out[bad.camera, bad.start : bad.stop] -= bad.offset_px

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.audit import StalePoint
+from mocap.audit.stored import StalePoint
 from mocap.cleaning.bias import RayBias
 from mocap.cleaning.camera_health import CameraHealth
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array, true_runs
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.cleaning.positions import medians
-from mocap.filters.poses import INDEPENDENT
+from mocap.filters.independent import INDEPENDENT
 
 Mask = NDArray[np.bool_]
 Bones = NDArray[np.int64]

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mocap import audit
+from mocap.audit.samples import pixel_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cleaning.cleaning import clean
 from mocap.errors import MocapError, NoRateError
@@ -54,7 +54,7 @@ def looked_at(reads: Callable[[], Recording], *, modelled: bool = False) -> Look
         return Looked(recording=recording, findings=clean(part).findings)
     except MocapError as error:
         if recording is not None and recording.pixels is not None:
-            found += [one for one in audit.pixel_findings(recording.pixels) if one.asks]
+            found += [one for one in pixel_findings(recording.pixels) if one.asks]
         return Looked(recording=recording, findings=tuple(worst_first([*found, why_not(error)])), refused=error)
 
 

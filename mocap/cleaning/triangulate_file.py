@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit import Finding, alarms, fit_findings
+from mocap.audit.geometry import fit_findings
 from mocap.cameras import triangulate
 from mocap.cleaning import sentences
 from mocap.cleaning.cleaning import audit_points
 from mocap.errors import MocapError
+from mocap.findings import Finding, alarms
 from mocap.io import dltdv
 from mocap.reading.ideal_pixels import with_rays, without_lens
 from mocap.recording import Recording

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import timedelta
 from pathlib import Path
 from time import monotonic
@@ -15,7 +16,7 @@ from rich.progress_bar import ProgressBar
 from rich.text import Text
 
 from mocap.cli.console import errors, program, say, show_text, typed, visible
-from mocap.cli.options import AsJson, LimitS, RecordingOptions, with_records
+from mocap.cli.options import AsJson, BatchTracking, LimitS, RecordingOptions, with_records
 from mocap.text import number_of
 
 if TYPE_CHECKING:
@@ -34,14 +35,8 @@ def batch(
     ],
     out: Annotated[Path, typer.Option(help="Folder of results: one folder per trial, summary.csv, summary.html.")],
     recording_options: RecordingOptions,
+    tracking: BatchTracking,
     jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time, each by a process.")] = 2,
-    model: Annotated[
-        str,
-        typer.Option(
-            help="A file that mocap learn wrote; learn: one is learned from all trials first; or mixture, eal, "
-            "constant_velocity, auto: the one that fills hidden samples of a trial best."
-        ),
-    ] = "auto",
     shard: Annotated[
         str | None, typer.Option(help="i/n: every n-th trial, from the i-th (from 1), as for an array of SLURM jobs.")
     ] = None,
@@ -62,9 +57,6 @@ def batch(
     pictures: Annotated[
         bool, typer.Option("--pictures", help="Write figures, report.html and recording.rrd of each trial, too.")
     ] = False,
-    validate: Annotated[
-        bool, typer.Option(help="Do not hide samples of each trial to measure how well they are filled.")
-    ] = True,
     again: Annotated[bool, typer.Option("--again", help="Track all trials, also those that have been.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -100,15 +92,14 @@ def batch(
             sources,
             out,
             jobs=jobs,
-            model=model,
             shard=shard,
             scheduler=scheduler,
             memory=memory,
             limit_s=limit_s,
             again=again,
             pictures=pictures,
-            validate=validate,
             progress=tell,
+            **asdict(tracking),
             **stated,
         )
     own = [record for record in found.records if record.trial in found.own]

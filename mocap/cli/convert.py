@@ -17,10 +17,12 @@ from mocap.cli.options import (
     RecordingOptions,
     Unit,
     Views,
+    refusing,
     with_records,
 )
 
 
+@refusing
 @with_records
 def convert(
     files: Annotated[

@@ -7,17 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from mocap.cli.console import show_text
-from mocap.cli.options import (
-    AsJson,
-    Calibration,
-    CalibrationOrigin,
-    FileOptions,
-    Fps,
-    ImageHeight,
-    PixelOriginOption,
-    Unit,
-    with_records,
-)
+from mocap.cli.options import AsJson, RecordingOptions, with_records
 
 
 @with_records
@@ -29,13 +19,7 @@ def info(
             "trials, each against the others."
         ),
     ],
-    options: FileOptions,
-    calibration: Calibration = None,
-    fps: Fps = None,
-    unit: Unit = None,
-    origin: PixelOriginOption = None,
-    calibration_origin: CalibrationOrigin = None,
-    image_height_px: ImageHeight = None,
+    options: RecordingOptions,
     as_json: AsJson = False,
 ) -> None:
     """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
@@ -46,19 +30,27 @@ def info(
     from mocap.errors import MocapError, NoRateError
     from mocap.findings import listed
 
-    corners = PixelOptions(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height_px)
-    hints = options.hints()
-    stated = {"origin": origin, "calibration_origin": calibration_origin, "image_height_px": image_height_px}
+    stated = options.arguments()
     if any(path.is_dir() for path in files):
         describe = of_folders()
         if describe is None:
             raise MocapError(f"{files[0]}: is a folder: give files")
         sources = [str(path) for path in files]
-        describe(sources, as_json=as_json, hints=hints, fps=fps, unit=unit, calibration=calibration, **stated)
+        describe(sources, as_json=as_json, **stated)
         return
-    files = files if calibration is None else [*files, calibration]
-    found: list[dict[str, Any]] = inspect(files, hints, fps=fps, unit=unit, origin=corners)
-    whole = of_files(files, hints=hints, fps=fps, unit=unit, **stated)
+    files = [*files, *(one for one in (options.calibration, options.profile, options.stored_points) if one is not None)]
+    found: list[dict[str, Any]] = inspect(
+        files,
+        stated["hints"],
+        fps=options.fps,
+        unit=options.unit,
+        origin=PixelOptions(
+            origin=options.origin,
+            calibration_origin=options.calibration_origin,
+            image_height_px=options.image_height_px,
+        ),
+    )
+    whole = of_files(files, **stated)
     lines: list[str] = []
     if whole is not None and not isinstance(whole.refused, NoRateError):  # of its motion nothing is known then
         lines = listed(whole.findings)

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand
 
 from mocap.cli.offered import offered
+from mocap.entrances import UNASKED
 from mocap.options import ReadOptions, TrackOptions, flags_of, options_of
 from mocap.pixel_corner import PixelCorner
 
@@ -24,15 +25,16 @@ STATED = options_of(ReadOptions) | options_of(TrackOptions)
 """What there is to say of the options that ``mocap.read`` and ``mocap.track`` have, too."""
 
 
-def shared(name: str, **more: Any) -> Any:
+def shared(name: str, *, also: str = "", **more: Any) -> Any:
     """The option of that name, of which the record of options says what it does and what it is called.
 
     Args:
         name: The field's.
+        also: What this command adds to that.
         **more: What concerns a terminal alone, as ``typer.Option`` takes it.
     """
     option = STATED[name]
-    text = option.help
+    text = f"{option.help} {also}".rstrip()
     if name == "validate":  # what is shown is what changes the default: --no-validate
         return typer.Option(help=f"Do not {text[0].lower()}{text[1:]}", **more)
     return typer.Option(*flags_of(name, option), help=text, **more)
@@ -292,6 +294,15 @@ class TrackingOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BatchTracking(TrackingOptions):
+    """The same of many trials, of which a model can be learned first."""
+
+    model: Annotated[str, shared("model", also="learn: of all trials, first.", autocompletion=offered("models"))] = (
+        "auto"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class PrintOptions:
     """What is replaced, and what is printed."""
 
@@ -330,6 +341,28 @@ def with_records(command: Callable[..., None]) -> Callable[..., None]:
 
     called.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
     called.__annotations__ = {name: one.annotation for name, one in parameters.items()}
+    del called.__wrapped__  # type: ignore[attr-defined]
+    return called
+
+
+def refusing(command: Callable[..., None]) -> Callable[..., None]:
+    """A command for typer that says why it does not take an option of a recording (``mocap.entrances.UNASKED``)."""
+    reasons, taken = UNASKED[command.__name__], inspect.signature(command).parameters
+    hidden: dict[str, Any] = {}
+    for name in reasons:
+        kind, default = (bool, False) if STATED[name].of is bool else (str | None, None)
+        option = Annotated[kind, shared(name, hidden=True)]
+        hidden[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=option)
+
+    @wraps(command)
+    def called(**given: Any) -> None:
+        for name, why in reasons.items():
+            if given.pop(name) not in (None, False):
+                raise typer.BadParameter(why, param_hint=flags_of(name, STATED[name])[0])
+        command(**given)
+
+    called.__signature__ = inspect.Signature([*taken.values(), *hidden.values()])  # type: ignore[attr-defined]
+    called.__annotations__ = {name: one.annotation for name, one in {**taken, **hidden}.items()}
     del called.__wrapped__  # type: ignore[attr-defined]
     return called
 

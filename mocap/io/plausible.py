@@ -10,6 +10,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 from mocap.io.format import Zero
 from mocap.io.lines import RATES_HZ, told_apart
+from mocap.io.rounding import rounding
 from mocap.records import Status
 from mocap.schema import not_covariances
 from mocap.text import visible
@@ -144,16 +145,6 @@ def _elsewhere(places: Array, away: NDArray[np.bool_], here: NDArray[np.bool_], 
         sides += [(k, frames[k] - run[-1])] if k < len(frames) else []
         out[run] = any(far[i] > 2.0 * usual * off + coarse for i, off in sides)
     return out
-
-
-def rounding(values: Array) -> float:
-    """The smallest difference between two numbers of a table: 1 of whole numbers, next to nothing of others.
-
-    0 where it is more than a hundredth of their range: of few numbers it tells nothing.
-    """
-    finite = values[np.isfinite(values)]
-    steps = np.diff(np.unique(finite[:: max(1, len(finite) // 100_000)]))
-    return float(steps.min()) if len(steps) and 100 * steps.min() < steps.sum() else 0.0
 
 
 def _placeholder_notes(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.calls import check_stated
+from mocap.bounds import check_stated
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, points_of
 from mocap.io.format import Hints

@@ -8,7 +8,8 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.filters.body_axes import body_frames
-from mocap.filters.poses import FEWEST_FRAMES, MarkerTrial
+from mocap.filters.independent import FEWEST_FRAMES
+from mocap.filters.poses import MarkerTrial
 from mocap.filters.whittaker import fastest_hz
 from mocap.measures import Line, Measures
 from mocap.sides import LEFT, other_side, side_of

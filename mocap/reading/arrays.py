@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eal.arrays import Array, unique
-from mocap.calls import check_stated
+from mocap.bounds import check_stated
 from mocap.cameras.camera import Camera, dlt_camera, scaled
 from mocap.errors import CalibrationError, FormatError, NoRateError
 from mocap.findings import Finding, readings

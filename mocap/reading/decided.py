@@ -4,14 +4,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mocap.cameras.lens_of_tracks import TrackLens
 from mocap.cameras.origin import PixelOrigin
 from mocap.findings import Finding
 from mocap.io.contents import FileContents
 from mocap.json_records import plain, record
+from mocap.parts import of_the_whole
 from mocap.recording import Recording
 
 From = Literal["stated", "file", "playback", "assumed", "nowhere"]
@@ -50,13 +48,7 @@ class Decided:
     step: ClassVar[str] = "read"
     depends_on: ClassVar[tuple[str, ...]] = ()
 
-    def at(self, frames: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same: it was decided of the whole."""
-        return self
-
-    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same."""
-        return self
+    at = only = of_the_whole
 
     def findings(self) -> tuple[Finding, ...]:
         """The unit, pixels and calibration, files."""

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from eal.arrays import Array
-from mocap import audit
+from mocap.audit.corner import origin_finding
+from mocap.audit.offsets import estimate_offsets, in_step, late_cameras, moved, start_offsets
 from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.cameras.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras.origin import PixelOptions, PixelOrigin, decide_origin, origin_alone
@@ -150,7 +151,7 @@ def without_lens(recording: Recording, uv_px: Array, *, iterations: int | None =
 def straightened(recording: Recording, uv_px: Array) -> Array:
     """(C, T, M, 2) pixels of a recording as ideal ones, by what ``with_ideal_pixels`` decided of the whole."""
     late, ideal = recording.late_frames, without_lens(recording, uv_px)
-    return ideal if late is None else audit.in_step(ideal, late)
+    return ideal if late is None else in_step(ideal, late)
 
 
 def _alone(recording: Recording, options: PixelOptions) -> Recording:
@@ -184,11 +185,11 @@ def _together(recording: Recording, options: PixelOptions) -> Recording:
         lens = lens_of_tracks(cameras, ideal)
         ideal = lens.straight(ideal)
         findings += (_estimated_lens(lens),)
-    if options.correct_lag and (lags := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
-        late = audit.late_cameras(lags)
-        ideal = audit.in_step(ideal, late)
+    if options.correct_lag and (lags := estimate_offsets(stacked(cameras), ideal)) is not None:
+        late = late_cameras(lags)
+        ideal = in_step(ideal, late)
     found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
-    told = (*findings, audit.origin_finding(rows))
+    told = (*findings, origin_finding(rows))
     return _counted(found, rows).with_part(replace(how, rows=rows, lens=lens, of_pixels=told))
 
 
@@ -202,11 +203,11 @@ def _decided_apart(uv_px: Array, cameras: Sequence[Camera], options: PixelOption
     try:
         return decide_origin(cameras, uv_px, options)
     except CalibrationError as error:
-        start = audit.start_offsets(stacked(cameras), uv_px)[0]  # lenses move pixels by less than motion does
+        start = start_offsets(stacked(cameras), uv_px)[0]  # lenses move pixels by less than motion does
         if not start.any():
             raise
         with suppress(CalibrationError):  # what was not the cause is not named
-            found = decide_origin(cameras, audit.moved(uv_px, start), options)
+            found = decide_origin(cameras, moved(uv_px, start), options)
             if options.correct_lag:
                 return found
             each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))

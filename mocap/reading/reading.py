@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from eal.arrays import unique
-from mocap.calls import check_rate, check_stated
+from mocap.bounds import check_rate, check_stated
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.cameras.origin import OriginError, PixelOptions
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError

@@ -16,6 +16,7 @@ from mocap.cameras.triangulate import linear, residual_px
 from mocap.findings import Finding, worst_first
 from mocap.io.unstated_unit import length
 from mocap.json_records import plain, record
+from mocap.parts import of_the_whole
 from mocap.reading.decided import decided
 from mocap.recording import Recording
 
@@ -33,13 +34,7 @@ class Siblings:
     step: ClassVar[str] = "read"
     depends_on: ClassVar[tuple[str, ...]] = ()
 
-    def at(self, frames: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same."""
-        return self
-
-    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same."""
-        return self
+    at = only = of_the_whole
 
     def findings(self) -> tuple[Finding, ...]:
         """What they tell."""

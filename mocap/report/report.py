@@ -23,7 +23,7 @@ from mocap.io.unstated_unit import length
 from mocap.reading.decided import decided
 from mocap.recording import Recording
 from mocap.records import Status
-from mocap.report.summary import METHODS, method, notes, unit_of
+from mocap.report.summary import ACROSS, HIDDEN, METHODS, method, notes, unit_of
 from mocap.sides import words
 from mocap.text import number_of, plain
 from mocap.tracking.model_choice import ModelChoice
@@ -174,6 +174,7 @@ def make_report(
         "log_likelihood": numbers["frames"]["log_likelihood"],
         "validation": {
             "hidden_samples": max((one.samples for one in validation.values()), default=0),
+            "against": ACROSS if tracked.model == ONE_CAMERA else HIDDEN,
             "methods": {name: one.as_json() for name, one in validation.items()},
             "gaps": _by_length(validation.get(tracked.model), numbers["gap_samples"]),
         },
@@ -376,7 +377,8 @@ def readable(report: Mapping, *, title: str) -> str:
         *_gap_lines("Against the ground truth, inside gaps", report.get("gaps"), unit),
         *_gap_lines("Against the ground truth, where markers were seen", report.get("measured"), unit),
         *_gap_lines(
-            f"Samples hidden from this recording and filled again ({report['validation']['hidden_samples']} samples)",
+            f"Samples hidden from this recording and filled again ({report['validation']['hidden_samples']} samples"
+            f"{', errors across the line of sight' if one_camera else ''})",
             report["validation"]["methods"],
             unit,
         ),

@@ -14,6 +14,7 @@ METHODS = {
     **{name: (one.title, one.about) for name, one in TITLES.items()},
     "mixture": ("mixture", "pose model and constant velocity, weighted by each model's predicted variance"),
     "learned": ("learned model", "the model that mocap learn wrote"),
+    "one camera": ("one camera", "the most probable motion under the poses of other trials"),
     "conditional_gaussian": ("conditional Gaussian", "regression on the other markers of the same frame"),
     "principal_components": ("principal components", "the same from a few components of all poses"),
     "chains": ("chains of bones", "directions of bones through splines, lengths constant, outward from the trunk"),
@@ -23,6 +24,9 @@ METHODS = {
 }
 """What the methods of the tables are called, and what they do, by their key in ``report.json``."""
 
+HIDDEN = "measured points that were hidden"
+ACROSS = "hidden pixels, across the line of sight"
+"""What filled points are compared with, of several cameras and of one."""
 BELIEVABLE = tuple(Z95 / float(ndtri((1 + share) / 2)) for share in (0.98, 0.90))
 """Of error over stated standard deviation (rms), 0.84 and 1.19: so far an interval that should hold 95 % holds 98 or 90
 %."""
@@ -76,7 +80,7 @@ def expected_error(report: Mapping) -> Expected | None:
         z=own.get("z"),
         half_width=None if width is None else Z95 * width,
         samples=report["gap_samples"] if true else report["validation"]["hidden_samples"],
-        against="ground truth" if true else "measured points that were hidden",
+        against="ground truth" if true else report["validation"].get("against", HIDDEN),
         others={name: e for name, e in sorted(errors.items(), key=lambda one: one[1] or 0.0) if e is not None},
         unit=unit,
     )

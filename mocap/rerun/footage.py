@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eal.over_time import OverTime, at_frames
 from mocap.findings import Finding
 from mocap.io.movies import Movie
+from mocap.parts import of_the_whole
 from mocap.recording import Recording
 
 
@@ -50,9 +51,7 @@ class Footage:
         """Of these frames."""
         return replace(self, cameras=tuple(at_frames(one, frames) for one in self.cameras))
 
-    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same."""
-        return self
+    only = of_the_whole
 
     def findings(self) -> tuple[Finding, ...]:
         """None: the report says what is shown."""

@@ -11,7 +11,7 @@ import xarray as xr
 
 from eal.threads import one_blas_thread
 from mocap.cleaning.cleaned import cleaned as found_by_cleaning
-from mocap.errors import FormatError
+from mocap.errors import FormatError, MocapError
 from mocap.filters.model import LearnedModel
 from mocap.filters.models.registry import NAMED
 from mocap.filters.score import Score
@@ -21,6 +21,7 @@ from mocap.kinematics.cycles import Cycle, cycles
 from mocap.plots.page import write_page
 from mocap.progress import Stages, Tell, silent
 from mocap.reading.decided import decided
+from mocap.reading.ideal_pixels import of_one_camera
 from mocap.reading.session import own_findings
 from mocap.recording import BLOCK, Recording
 from mocap.records import Status
@@ -75,7 +76,15 @@ def write_in_blocks(
 
     Returns:
         The overview, with the report of the whole.
+
+    Raises:
+        MocapError: of one camera: the whole decides between a pose and its mirror image, which blocks would do apart.
     """
+    if of_one_camera(recording):
+        raise MocapError(
+            f"{recording.where}: what one camera sees is tracked at once, not in blocks, as the whole decides between "
+            "a pose and its mirror image: give `blocks` 0, or fewer frames"
+        )
     from mocap.rerun.record import write_recording
 
     stages, n_frames = Stages(tell=progress), len(recording.t_s)

@@ -17,10 +17,11 @@ from mocap.errors import FormatError, beside
 from mocap.io.netcdf import as_netcdf, read_netcdf, variables
 from mocap.io.tables import WORDS
 from mocap.json_records import AGAIN, plain, record
+from mocap.parts import Part
 from mocap.reading.decided import Decided
 from mocap.reading.reading import in_arguments
 from mocap.reading.session import Siblings
-from mocap.recording import Part, Source, with_variables
+from mocap.recording import Source, with_variables
 from mocap.records import Status
 from mocap.results.earlier import WITHOUT_PARTS, earlier_parts
 from mocap.results.files import MARKERS, RECORDING, SKELETON

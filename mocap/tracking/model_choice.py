@@ -5,12 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mocap.filters.score import Score
 from mocap.findings import Finding
 from mocap.json_records import plain, record
+from mocap.parts import of_the_whole
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,13 +28,7 @@ class ModelChoice:
     step: ClassVar[str] = "track"
     depends_on: ClassVar[tuple[str, ...]] = ("Cleaned",)
 
-    def at(self, frames: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same: it is of the whole."""
-        return self
-
-    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same."""
-        return self
+    at = only = of_the_whole
 
     def findings(self) -> tuple[Finding, ...]:
         """What is told."""

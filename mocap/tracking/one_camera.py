@@ -1,6 +1,6 @@
 """``mocap track`` of a recording in which no marker is seen by two cameras, with a model learned from others."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from mocap.cleaning.cleaned import Cleaned, written
 from mocap.cleaning.click_noise import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.anatomy import anatomy_of
+from mocap.filters.hidden_views import filled_views
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.one_camera import OneCameraSettings
@@ -19,7 +20,9 @@ from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import LEAST_MARKERS
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
+from mocap.filters.score import Score
 from mocap.findings import Finding, Kind
+from mocap.progress import Stages
 from mocap.recording import Recording
 from mocap.tracking.result import rate_points
 
@@ -33,13 +36,22 @@ def track_one_camera(
     source: Recording,
     learned: LearnedModel | None,
     *,
-    progress: Callable[[float], None] | None = None,
-) -> tuple[Recording, Recording, Estimate, str]:
+    stages: Stages,
+    validated: bool = False,
+    seed: int = 0,
+) -> tuple[Recording, Recording, Estimate, str, Mapping[str, Score]]:
     """Track a recording of one camera.
 
+    Args:
+        source: The recording.
+        learned: A model of other trials.
+        stages: Timer and progress.
+        validated: Whether to hide samples and measure how they are filled, across the line of sight.
+        seed: Which samples to hide.
+
     Returns:
-        The recording, with points where a camera saw the marker; the part that was tracked; what was found; and how
-        the model was made.
+        The recording, with points where a camera saw the marker; the part that was tracked; what was found; how the
+        model was made; and how gaps that were hidden in it were filled.
 
     Raises:
         CalibrationError: there is no model.
@@ -72,12 +84,21 @@ def track_one_camera(
     unseen = replace(empty, xyz_m=empty.xyz_m[:, markers], sd_m=empty.sd_m[:, markers])
     anatomy = replace(anatomy_of(own, learned.trunk, ()), bodies=())
     fitted = OneCameraSettings().fit(TrialSet([*trials, unseen], anatomy))
-    found = fitted.fill(views, rate_points=rate_points_of(own, rate_points(source)), progress=progress)
+    with stages.stage("track one camera") as progress:
+        found = fitted.fill(views, rate_points=rate_points_of(own, rate_points(source)), progress=progress)
+    scores: Mapping[str, Score] = {}
+    if validated:
+        points = np.where(np.any(part.seen, axis=0)[..., None], found.xyz_m, np.nan)
+        filled = replace(unseen, t_s=part.t_s, xyz_m=points)
+        with stages.stage("validate on hidden samples") as progress:
+            scores = filled_views(
+                fitted, TrialSet([*trials, filled], anatomy), views, name=NAME, seed=seed, progress=progress
+            )
     why = (
         f"learned from {', '.join(trial.name for trial in trials)}; the size of the animal is the model's, within "
         f"{fitted.prior.size_sd:.1%} (standard deviation)"
     )
-    return _cleaned(film, part, found, noise, len(trials)), part, found, why
+    return _cleaned(film, part, found, noise, len(trials)), part, found, why, scores
 
 
 def _cleaned(film: Recording, part: Recording, found: Estimate, noise: float, trials: int) -> Recording:

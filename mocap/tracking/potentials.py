@@ -18,6 +18,7 @@ from mocap.errors import FormatError
 from mocap.findings import Finding
 from mocap.joints import FRAMES
 from mocap.json_records import AGAIN, plain, record
+from mocap.parts import of_the_whole
 from mocap.records import MarkerTracks, Status
 from mocap.schema import POSITIVE, Entry, Schema, checked
 from mocap.skeleton import Skeleton
@@ -148,13 +149,7 @@ class Potentials:
     step: ClassVar[str] = "track"
     depends_on: ClassVar[tuple[str, ...]] = ("ModelChoice",)
 
-    def at(self, frames: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same: they are of the whole."""
-        return self
-
-    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same."""
-        return self
+    at = only = of_the_whole
 
     def findings(self) -> tuple[Finding, ...]:
         """What is told."""

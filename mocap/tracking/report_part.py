@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.findings import Finding
 from mocap.json_records import AGAIN
+from mocap.parts import of_the_whole
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,13 +27,7 @@ class Report:
     step: ClassVar[str] = "track"
     depends_on: ClassVar[tuple[str, ...]] = ("ModelChoice", "Potentials")
 
-    def at(self, frames: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same: it is of the whole."""
-        return self
-
-    def only(self, markers: NDArray[np.int64]) -> Self:  # noqa: ARG002
-        """The same."""
-        return self
+    at = only = of_the_whole
 
     def findings(self) -> tuple[Finding, ...]:
         """None of its own: it tells those of the other parts."""

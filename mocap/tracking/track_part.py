@@ -71,9 +71,10 @@ def track_part(
         gaps that were hidden in it were filled.
     """
     if of_one_camera(source):
-        with stages.stage("track one camera") as progress:
-            recording, part, smoothed, why = track_one_camera(source, learned, progress=progress)
-        return with_track(recording, part, NAME, smoothed), recording, why, {}
+        recording, part, smoothed, why, scores = track_one_camera(
+            source, learned, stages=stages, validated=validated, seed=seed
+        )
+        return with_track(recording, part, NAME, smoothed), recording, why, scores
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap.audit import alarms, audit_filmed, fit_findings
+from mocap.audit import alarms, audited, fit_findings
 from mocap.cameras.arrangement import ArrangementError, find_arrangement
 from mocap.cameras.camera import dlt_coefficients, record
 from mocap.cameras.origin import PixelOptions, decide_origin
@@ -123,7 +123,7 @@ def test_corners_that_differ_unstated_are_told_loudly():
         )
         flipped = uv * [1, -1] + [0, HEIGHT]
         tracks = PixelTracks(names=tuple("abcde"), cameras=tuple(c.name for c in cameras), t_s=FRAMES / 200, uv_px=uv)
-        told = [f for f in alarms(audit_filmed(cameras, tracks, flipped, decision)) if f.kind == "pixel origin"]
+        told = [f for f in alarms(audited(cameras, tracks, flipped, decision).findings) if f.kind == "pixel origin"]
         assert bool(told) == (not stated)
 
 

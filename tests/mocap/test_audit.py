@@ -8,7 +8,7 @@ from mocap.datasets import PERFECT, make_bat, make_lizard
 
 from mocap.audit import (
     alarms,
-    audit_filmed,
+    audited,
     estimate_offsets,
     in_step,
     late_cameras,
@@ -41,7 +41,8 @@ class Clean:
         pixels = self.pixels if uv_px is None else replace(self.pixels, uv_px=uv_px)
         options = PixelOptions(origin=origin, calibration_origin=origin, image_height_px=HEIGHT)
         decision = decide_origin(cameras, pixels.uv_px, options)
-        return audit_filmed(cameras, pixels, self.ideal(cameras, pixels.uv_px, decision), decision, stored=stored)
+        found = audited(cameras, pixels, self.ideal(cameras, pixels.uv_px, decision), decision, stored=stored)
+        return [*found.findings]
 
     def ideal(self, cameras, uv_px, decision):
         """Ideal pixels as the audit takes them."""
@@ -112,7 +113,7 @@ def test_twins_raise_no_alarm(make):
     options = PixelOptions(origin="upper-left", calibration_origin="upper-left")
     decision = decide_origin(twin.cameras, twin.pixels.uv_px, options)
     ideal = undistorted(twin.cameras, twin.pixels.uv_px)
-    findings = audit_filmed(twin.cameras, twin.pixels, ideal, decision)
+    findings = audited(twin.cameras, twin.pixels, ideal, decision).findings
     assert not alarms(findings), [f.text for f in alarms(findings)]
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.audit import alarms, audit_filmed, estimate_offsets
+from mocap.audit import alarms, audited, estimate_offsets
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.cameras.camera import Camera, record, stacked, undistorted
 from mocap.cameras.origin import decide_origin
@@ -22,7 +22,7 @@ def audit(pixels: PixelTracks, cameras: tuple[Camera, ...]):
     """Everything, with DLTdv's three iterations of undistortion."""
     decision = decide_origin(cameras, pixels.uv_px)
     ideal = decision.ideal(cameras, pixels.uv_px, iterations=3)
-    return {f.kind: f for f in audit_filmed(cameras, pixels, ideal, decision)}
+    return {f.kind: f for f in audited(cameras, pixels, ideal, decision).findings}
 
 
 def test_a_late_camera_is_late_in_every_trial():

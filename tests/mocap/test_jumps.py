@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from mocap.datasets import make_bat, make_lizard
 
-from mocap.audit import alarms, audit_filmed, audit_recording, jump_findings
+from mocap.audit import alarms, audited, jump_findings
+from mocap.audit.file_audit import audit_recording
 from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.cleaning.cleaned import Cleaned
@@ -19,11 +20,11 @@ from mocap.skeleton import Skeleton
 from mocap.tracking.tracking import jump_cov
 
 
-def audited(twin, uv):
+def alarms_of(twin, uv):
     """Alarms of a twin with other pixels."""
     decision = decide_origin(twin.cameras, uv, PixelOptions(origin="upper-left", calibration_origin="upper-left"))
     pixels = replace(twin.pixels, uv_px=uv)
-    return alarms(audit_filmed(twin.cameras, pixels, undistorted(twin.cameras, uv), decision))
+    return alarms(audited(twin.cameras, pixels, undistorted(twin.cameras, uv), decision).findings)
 
 
 @pytest.mark.parametrize("hole", [0, 1, 4])
@@ -42,7 +43,7 @@ def test_a_jump_in_a_hole_is_found(hole):
     uv[:, 100 - hole : 100, marker] = np.nan
     xyz[100 - hole : 100, marker] = np.nan
     for found in (
-        [f for f in audited(twin, uv) if f.kind == "jump"],
+        [f for f in alarms_of(twin, uv) if f.kind == "jump"],
         jump_findings(xyz, twin.pixels.t_s, twin.pixels.names),
     ):
         (one,) = found
@@ -80,7 +81,7 @@ def test_single_clicks_are_not_jumps(make):
     uv = np.array(twin.pixels.uv_px)
     wrong = rng.random(uv.shape[:3]) < 0.01
     uv[wrong] += rng.choice([-80.0, 80.0], (wrong.sum(), 2))
-    assert not [f.text for f in audited(twin, uv) if f.kind == "jump"]
+    assert not [f.text for f in alarms_of(twin, uv) if f.kind == "jump"]
 
 
 def test_a_gap_across_a_jump_is_not_filled_with_confidence():

@@ -1,6 +1,7 @@
 """``mocap track`` of one calibrated camera with a model learned from other recordings."""
 
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from mocap.filters.errors import FilterError
 from mocap.filters.mixture import Mixture
 from mocap.filters.model import LearnedModel
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.poses import MarkerTrial
 
 import mocap
 from mocap.errors import MocapError
@@ -17,9 +19,8 @@ from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, fla
 from tests.mocap.same import same_result
 
 
-@pytest.fixture(scope="module")
-def learned() -> Model:
-    """From three trials; how models are mixed does not matter here."""
+def model_of(*trials: MarkerTrial) -> Model:
+    """A model learned from trials; how models are mixed does not matter here."""
     mixture = Mixture(
         offset=np.zeros(1),
         slope=np.zeros(1),
@@ -33,7 +34,7 @@ def learned() -> Model:
             names=NAMES,
             trunk=TRUNK,
             bones=(),
-            trials=tuple(flapping(k) for k in (1, 2, 3)),
+            trials=trials,
             models=(PoseSettings(),),
             mixture=mixture,
             scores={},
@@ -41,19 +42,30 @@ def learned() -> Model:
     )
 
 
-@pytest.fixture
-def files(tmp_path):
-    """Pixels of one camera, with a wing tip hidden for 20 frames, and its coefficients."""
-    uv = filmed(flapping(9), np.random.default_rng(0))[0]
-    uv[50:70, NAMES.index("tip_l")] = np.nan
+def files_of(trial: MarkerTrial, hidden: slice, folder: Path) -> tuple[Path, Path]:
+    """Pixels of one camera, with a wing tip hidden for some frames, and its coefficients."""
+    uv = filmed(trial, np.random.default_rng(0))[0]
+    uv[hidden, NAMES.index("tip_l")] = np.nan
     head = ",".join(f"{name}_cam1_{axis}" for name in NAMES for axis in "XY")
     rows = [",".join("NaN" if np.isnan(x) else f"{x:.3f}" for x in row) for row in uv.reshape(len(uv), -1)]
-    tracks, coefficients = tmp_path / "film_xypts.csv", tmp_path / "film_dltCoefs.csv"
+    tracks, coefficients = folder / "film_xypts.csv", folder / "film_dltCoefs.csv"
     tracks.write_text("\n".join([head, *rows]) + "\n")
     matrix = MATRIX.copy()
     matrix[:, 3] += MATRIX[:, :3] @ [0.0, 0.0, 1.0]  # its centre is at z = -1: DLT cannot have it at the origin
     np.savetxt(coefficients, (matrix / matrix[2, 3]).ravel()[:11, None])
     return tracks, coefficients
+
+
+@pytest.fixture(scope="module")
+def learned() -> Model:
+    """From three trials."""
+    return model_of(*(flapping(k) for k in (1, 2, 3)))
+
+
+@pytest.fixture
+def files(tmp_path):
+    """With a wing tip hidden for 20 frames."""
+    return files_of(flapping(9), slice(50, 70), tmp_path)
 
 
 def read(files, **stated):

@@ -222,7 +222,7 @@ def lock():
 
 def clean():
     """Remove all that this file made."""
-    for pattern in (".venv", ".venv-lowest", "out", "build", "dist", "*.egg-info", ".pytest_cache", ".ruff_cache"):
+    for pattern in (".venv", ".venv-lowest", ".venv-anipose", "out", "build", "dist", "*.egg-info", ".pytest_cache", ".ruff_cache"):
         for path in ROOT.glob(pattern):
             shutil.rmtree(path)
 

@@ -3,6 +3,7 @@
 aniposelib's ``optim_points`` (Karashchuk et al. 2021, Cell Reports 36, 109730) optimises the same points; it gives no
 intervals, and its imports and compilation are not counted. It is installed into ``.venv-anipose``. Its cameras have no
 skew: they are the nearest without, and every pixel is where such a camera sees the point, plus what the ray erred by.
+It starts from the linear triangulation of these.
 filterpy's Kalman filter and Rauch-Tung-Striebel smoother of each marker take the place of our passes in ``mocap track
 --model constant_velocity``: reading, cleaning and writing are the same.
 """
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 import mocap
 from eal.arrays import Array
-from mocap.cameras.triangulate import project
+from mocap.cameras.triangulate import linear, project
 from mocap.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -87,9 +88,10 @@ def problem(recording: Recording) -> dict[str, NDArray]:
         tvec.append(-1e3 * turn @ (centre[:3, 0] / centre[3, 0]))
     poses = [np.column_stack([cv2.Rodrigues(r)[0], t / 1e3]) for r, t in zip(rvec, tvec, strict=True)]
     without_skew = np.stack([whole @ pose for whole, pose in zip(inner, poses, strict=True)])
+    uv = project(without_skew, xyz) + erred
     return {
-        "uv_px": project(without_skew, xyz) + erred,
-        "xyz_mm": 1e3 * xyz,
+        "uv_px": uv,
+        "xyz_mm": 1e3 * linear(without_skew, uv),
         "bones": np.array(stiffest(xyz)),
         "matrix": np.stack(inner),
         "rvec": np.stack(rvec),

@@ -16,7 +16,7 @@ def test_cameras_without_skew_see_the_points_with_the_same_errors():
     problem = peers.problem(recording)
     for i, camera in enumerate(recording.cameras):
         pose = problem["rvec"][i], problem["tvec_mm"][i], problem["matrix"][i], np.zeros(5)
-        ours = cv2.projectPoints(problem["xyz_mm"].reshape(-1, 3), *pose)[0][:, 0]
+        ours = cv2.projectPoints(1e3 * recording.xyz_m.reshape(-1, 3), *pose)[0][:, 0]
         seen = recording.xyz_m.reshape(-1, 3) @ camera.matrix[:, :3].T + camera.matrix[:, 3]
         error = recording.data["ideal"].to_numpy()[i].reshape(-1, 2) - seen[:, :2] / seen[:, 2:]
         np.testing.assert_allclose(problem["uv_px"][i].reshape(-1, 2) - ours, error, atol=1e-6)

@@ -52,6 +52,7 @@ def test_the_truss_of_the_report_has_the_energy_that_it_states(designed, potenti
     assert rms == pytest.approx(report["fit"]["rms"], rel=0.2)
 
 
+@pytest.mark.main
 def test_parts_come_back_watertight_with_their_volume(designed):
     """Every STL is read by trimesh as one closed body of the stated volume; edges under 2 um are taken out: 1e-3."""
     folder, report = designed
@@ -77,6 +78,7 @@ def test_the_assembly_holds_all_parts_in_place(designed):
     assert all(low[1] < high[0] for low, high in pairwise(heights))
 
 
+@pytest.mark.main
 def test_everything_is_written(designed):
     folder, _ = designed
     names = {path.name for path in folder.iterdir()}

@@ -52,7 +52,6 @@ def test_the_truss_of_the_report_has_the_energy_that_it_states(designed, potenti
     assert rms == pytest.approx(report["fit"]["rms"], rel=0.2)
 
 
-@pytest.mark.main
 def test_parts_come_back_watertight_with_their_volume(designed):
     """Every STL is read by trimesh as one closed body of the stated volume; edges under 2 um are taken out: 1e-3."""
     folder, report = designed

@@ -144,9 +144,21 @@ def pytest(*words, folder=".venv"):
 
 
 def test():
-    """Is it right? All tests."""
+    """Is it right? All tests but those that take long and rarely fail."""
     setup()
-    pytest()
+    pytest("-m", "not rare")
+
+
+def test_rare():
+    """Those that take long and rarely fail."""
+    setup()
+    pytest("-m", "rare")
+
+
+def test_all():
+    """All tests."""
+    test()
+    test_rare()
 
 
 def quick():
@@ -224,7 +236,17 @@ def lock():
 
 def clean():
     """Remove all that this file made."""
-    for pattern in (".venv", ".venv-lowest", "out", "build", "dist", "*.egg-info", ".pytest_cache", ".ruff_cache"):
+    for pattern in (
+        ".venv",
+        ".venv-lowest",
+        ".venv-anipose",
+        "out",
+        "build",
+        "dist",
+        "*.egg-info",
+        ".pytest_cache",
+        ".ruff_cache",
+    ):
         for path in ROOT.glob(pattern):
             shutil.rmtree(path)
 
@@ -235,6 +257,8 @@ TARGETS = {
         setup,
         demo,
         test,
+        test_rare,
+        test_all,
         quick,
         test_lowest,
         check,

@@ -8,12 +8,13 @@ processor, these over those of ``loop`` in the same minute (a busy machine slows
 that take turns. *memory* is by how much the peak of a process of its own grows, beyond what it held with the recording
 in it; ``smooth`` is given 200 MB for states. What was seen of each ray, 0.05 MB a frame, is returned by ``filter`` and
 ``smooth``, and given away by ``live``. *many*: positions of ever more markers. *commands*: whole commands, in one
-process. *mouse*: 10,500 frames of 11 positions, the time to learn a pose model from them, and to smooth them.
+process, over what a user would run in their place (``tracker_peers``). *mouse*:
+10,500 frames of 11 positions, the time to learn a pose model from them, and to smooth them.
 """
 
 import argparse
+import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -37,6 +38,7 @@ from mocap.filters.observations import Observations, PixelObservations, Position
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import filter_forward, smooth
 
+from benchmarks import tracker_peers as peers
 from eal.arrays import Array
 from eal.threads import one_blas_thread
 from mocap.cameras import triangulate
@@ -49,6 +51,7 @@ N_CAMERAS, N_MARKERS, SD_PX, FPS = 30, 34, 1.0, 240.0
 ROUNDS = 3
 DATA = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 FLIGHT = DATA / "bat_windtunnel_dltdv8" / "derived_csv" / "078A3_F5"
+DEMO_FPS = 240.0
 MOUSE = DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat"
 
 
@@ -62,6 +65,7 @@ class Row:
         cpu_s: Seconds of the processor.
         wall_s: Seconds on the wall.
         memory_mb: Growth of the peak of memory.
+        over: Seconds of the processor over those of what a user would run in its place, in the same run.
     """
 
     what: str
@@ -69,6 +73,7 @@ class Row:
     cpu_s: float = np.nan
     wall_s: float = np.nan
     memory_mb: float = np.nan
+    over: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,21 +231,47 @@ def many(quick: bool) -> Iterator[list[Row]]:
         yield timed(f"{count} markers", case, {"smooth": case.smoothed}, 1)
 
 
+MOCAP = Path(sys.executable).with_name("mocap")
+
+
 def commands(quick: bool) -> Iterator[list[Row]]:  # noqa: ARG001
-    """``mocap`` in one process."""
-    files = [str(FLIGHT / f"{FLIGHT.name}_xypts.csv"), "--calibration", str(FLIGHT / f"{FLIGHT.name}_dltCoefs.csv")]
-    asked = {"demo": ["demo"]}
-    asked |= {"info": ["info", files[0]], "track": ["track", *files, "--fps", "700"]} if FLIGHT.exists() else {}
-    for name, command in asked.items():
-        with tempfile.TemporaryDirectory() as folder:
-            out = [] if name == "info" else ["--out", str(Path(folder) / "run")]
-            before, start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, time.perf_counter()
-            environment = os.environ | {"MOCAP_JOBS": "1", "OMP_NUM_THREADS": "1"}
-            mocap = str(Path(sys.executable).with_name("mocap"))
-            subprocess.run([mocap, *command, *out], env=environment, check=True, capture_output=True)
-            wall = time.perf_counter() - start
-        cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-        yield [Row(what=f"mocap {name}", cpu_s=cpu, wall_s=wall)]
+    """``mocap`` in one process, beside aniposelib on the same points and filterpy's filter and smoother."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = ["--out", str(Path(folder) / "run"), "--force"]
+
+        def ours(what: str, *words: str, of: float = np.nan) -> list[Row]:
+            cpu, wall, _ = peers.spent([MOCAP, *words])
+            return [Row(what=what, cpu_s=cpu, wall_s=wall, over=cpu / of)]
+
+        def theirs(table: Path, fps: float) -> Row:
+            known = peers.read(table, table.with_name(table.name.replace("xypts", "dltCoefs")), fps)
+            found = peers.anipose(known)
+            return Row(what=f"aniposelib {found['version']}: {known.name}", cpu_s=float(found["cpu_s"]))
+
+        peers.spent([MOCAP, "data", "make", "bat", "--out", folder])
+        peer = theirs(Path(folder) / "bat_xypts.csv", DEMO_FPS)
+        yield [peer]
+        yield ours("mocap demo", "demo", *out, of=peer.cpu_s)
+        if not FLIGHT.exists():
+            return
+        table, calibration = (FLIGHT / f"{FLIGHT.name}_{what}.csv" for what in ("xypts", "dltCoefs"))
+        known = "--calibration", str(calibration), "--fps", "700"
+        peer = theirs(table, 700)
+        yield [peer]
+        yield ours("mocap track", "track", str(table), *known, *out, of=peer.cpu_s)
+        simple = "track", str(table), *known, *out, "--model", "constant_velocity", "--no-validate"
+        yield ours("mocap track, constant velocity", *simple, of=peer.cpu_s)
+        cpu, wall, printed = peers.spent([sys.executable, "-m", "benchmarks.tracker_peers", *simple])
+        taken = json.loads(printed.splitlines()[-1])
+        whole = cpu - taken["theirs_s"]
+        rest = whole - taken["ours_s"]
+        yield [
+            Row(what="  the same with filterpy", cpu_s=rest + taken["theirs_s"], wall_s=wall),
+            Row(what="  the same", cpu_s=whole, over=whole / (rest + taken["theirs_s"])),
+        ]
+        yield ours("mocap info", "info", str(table))
+        peers.two_frames(table, Path(folder) / "two_xypts.csv")
+        yield ours("mocap track, two frames", "track", str(Path(folder) / "two_xypts.csv"), *known, *out)
 
 
 def mouse(quick: bool) -> Iterator[list[Row]]:
@@ -290,14 +321,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(grown(given.memory, given.frames))
         return
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
-    print(f"{'part':9}{'':62}{'frames':>7}{'cpu s':>9}{'loops':>8}{'wall s':>9}{'MB':>7}{'ms/frame':>10}")
+    print(f"{'part':9}{'':62}{'frames':>7}{'cpu s':>9}{'loops':>8}{'wall s':>9}{'MB':>7}{'ms/frame':>10}{'over':>7}")
     rows = []
     for row in table(given.part or list(PARTS), given.quick):
         rows.append(row)
         each = 1e3 * row["cpu_s"] / row["frames"] if row["frames"] else np.nan
         line = (
             f"{row['part']:9}{row['what']:62}{row['frames']:7}{row['cpu_s']:9.2f}{row['loops']:8.2f}"
-            f"{row['wall_s']:9.2f}{row['memory_mb']:7.0f}{each:10.2f}"
+            f"{row['wall_s']:9.2f}{row['memory_mb']:7.0f}{each:10.2f}{row['over']:7.2f}"
         )
         print(line.replace("nan", "  -"), flush=True)
         if given.out is not None:

@@ -80,6 +80,9 @@ SLOW = {
     "mocap/digitising/test_texture.py": 4,
     "mocap/joint_design/test_design_joint.py": 26,
     "mocap/kinematics/test_body_joints.py": 4,
+    "mocap/kinematics/test_frequency.py": 7,
+    "mocap/kinematics/test_figures.py": 5,
+    "mocap/kinematics/test_cycle_checks.py": 5,
     "mocap/kinematics/test_functional.py": 5,
     "mocap/kinematics/test_moments.py": 2,
     "mocap/test_one_camera_entrances.py": 20,
@@ -96,6 +99,13 @@ SLOW = {
     "mocap/rerun/test_view_recording.py": 9,
     "mocap/rerun/test_view_share.py": 35,
     "mocap/rerun/test_view_video.py": 12,
+    "mocap/test_entrances.py": 20,
+    "mocap/test_one_list.py": 20,
+    "mocap/test_left_positions.py": 8,
+    "mocap/test_across_trials.py": 8,
+    "mocap/test_frame_rates.py": 6,
+    "mocap/test_compare_joints.py": 4,
+    "mocap/test_earlier_results.py": 4,
     "mocap/test_absurd_values.py": 3,
     "mocap/test_arrangement.py": 7,
     "mocap/test_arrays.py": 3,
@@ -161,6 +171,83 @@ SLOW = {
 Tests in them that are marked ``quick`` stay: a short main job, the command line, learning, the viewer. Tests elsewhere
 that take more than 1.5 seconds are marked ``slow`` themselves.
 """
+RARE = {
+    "installs packages, or takes one away, and runs what other tests run": (
+        "test_installed.py",
+        "test_plugins.py",
+        "test_satellites.py",
+    ),
+    "runs the commands of pages, each of which has tests of its own": (
+        "mocap/test_pages_run.py",
+        "mocap/test_parts.py",
+    ),
+    "waits for processes, their limits and their ends": (
+        "mocap/batches/test_batch.py",
+        "mocap/batches/test_trial_limits.py",
+        "mocap/test_side_by_side.py",
+        "test_time_limit.py",
+    ),
+    "looks at the viewer's pictures, or moves a pointer over them": (
+        "mocap/rerun/test_view_digitised.py",
+        "mocap/rerun/test_view_ends.py",
+        "mocap/rerun/test_view_hover.py",
+        "mocap/rerun/test_view_pictures.py",
+        "mocap/rerun/test_view_share.py",
+        "mocap/rerun/test_view_video.py",
+    ),
+    "drives the desk's page in a browser": (
+        "mocap/desk/test_desk.py",
+        "mocap/desk/test_desk_one_camera.py",
+        "mocap/desk/test_desk_rooms.py",
+        "mocap/desk/test_session.py",
+    ),
+    "computes the paper's figures and bounds anew": (
+        "eal/test_comparison.py",
+        "eal/test_errata.py",
+        "eal/test_radius.py",
+        "eal/test_reproduce.py",
+    ),
+    "designs mechanisms": (
+        "eal/joint_design/test_design_truss.py",
+        "eal/joint_design/test_snap_through.py",
+        "mocap/joint_design/test_design_joint.py",
+    ),
+    "judges errors and intervals over many simulated recordings": (
+        "filters/test_animal.py",
+        "filters/test_articulated_motion.py",
+        "filters/test_delayed.py",
+        "filters/test_learned_model.py",
+        "filters/test_one_camera.py",
+        "filters/test_one_more_ray.py",
+        "mocap/test_blocks.py",
+        "mocap/test_board_corners.py",
+        "mocap/test_calibrate_apart.py",
+        "mocap/test_calibrate_boards.py",
+        "mocap/test_joint_filter.py",
+        "mocap/test_mobility.py",
+        "mocap/test_propose_skeleton.py",
+        "mocap/test_swapped_names.py",
+        "mocap/test_two_rays.py",
+    ),
+    "gives every command what is broken, absurd or strange": (
+        "mocap/test_few_frames.py",
+        "mocap/test_numbers_that_cannot_be.py",
+        "mocap/test_strangers_and_orphans.py",
+        "mocap/test_tampered_records.py",
+        "mocap/test_trouble.py",
+    ),
+    "compares with other packages": (
+        "benchmarks/test_compare_benchmark.py",
+        "mocap/test_movement_package.py",
+    ),
+}
+"""Files that are slow and rarely fail, by why; ``make test`` leaves them out, and ``make test-all`` runs them, too.
+
+Tests in them that are marked ``main`` (or ``quick``) stay: ``make test`` runs once each thing that the README names.
+"""
+RARE_FILES = frozenset(name for names in RARE.values() for name in names)
+STAY = {"not slow": (SLOW.keys(), ("quick",)), "not rare": (RARE_FILES, ("quick", "main"))}
+"""By the expression of marks: files that are left out, and the marks of tests in them that stay."""
 SCREEN = "mocap/rerun/"
 """Where tests show something on a screen."""
 
@@ -171,21 +258,35 @@ def group_of(name: str) -> str:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Files without a test of ``make quick`` are not imported for it: that takes each worker as long as its tests."""
-    if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
+    """Files without a test that is asked for are not imported: that takes each worker as long as its tests."""
+    asked = config.option.markexpr
+    if asked not in (*STAY, "rare") or collection_path.suffix != ".py" or collection_path.name == "conftest.py":
         return None
     name = collection_path.relative_to(ROOT / "tests").as_posix()
-    return True if name in SLOW and "pytest.mark.quick" not in collection_path.read_text(encoding="utf-8") else None
+    if asked == "rare":
+        return None if name in RARE_FILES or _has(collection_path, "rare") else True
+    left_out, marks = STAY[asked]
+    return True if name in left_out and not _has(collection_path, *marks) else None
+
+
+def _has(path: Path, *marks: str) -> bool:
+    text = path.read_text(encoding="utf-8")
+    return any(f"pytest.mark.{mark}" in text for mark in marks)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks what is slow, and puts what takes longest first: no worker is left with it at the end."""
+    """Marks what is slow or rare, and puts what takes longest first: no worker is left with it at the end."""
     seconds: dict[str, int] = {}
     for name, long in SLOW.items():
         seconds[group_of(name)] = seconds.get(group_of(name), 0) + long
     names = {item: item.path.relative_to(ROOT / "tests").as_posix() for item in items}
     for item, name in names.items():
-        if name in SLOW and item.get_closest_marker("quick") is None:
+        marks = {mark.name for mark in item.iter_markers()}
+        if name in SLOW and "quick" not in marks:
+            item.add_marker(pytest.mark.slow)
+        if name in RARE_FILES and not marks & {"quick", "main"}:
+            item.add_marker(pytest.mark.rare)
+        if "rare" in marks:
             item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: -seconds.get(group_of(names[item]), 0))
 

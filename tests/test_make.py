@@ -28,11 +28,29 @@ def make():
 
 
 def test_the_makefile_has_the_same_targets(make):
-    """Each is handed on, but for ``check``, which names those that it is of."""
+    """Each is handed on, but for those of others: ``check`` and ``test-all``."""
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
     assert phony.split() == re.findall(r"[\w-]+", phony)
     assert set(phony.split()) == set(make.TARGETS)
+
+
+def test_what_make_test_leaves_out_is_slow_and_there(pytestconfig):
+    """A file in the table of rare ones takes seconds, and ``make test-all`` finds it; each stands under one reason."""
+    tests = pytestconfig.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
+    named = [name for names in tests.RARE.values() for name in names]
+    assert len(named) == len(tests.RARE_FILES)
+    assert tests.SLOW.keys() >= tests.RARE_FILES
+    assert all((ROOT / "tests" / name).exists() for name in tests.SLOW)
+
+
+def test_all_tests_are_those_of_make_test_and_the_rare_ones(make, monkeypatch):
+    """One expression is the other's opposite, and neither leaves out a folder."""
+    asked = []
+    monkeypatch.setattr(make, "setup", lambda: None)
+    monkeypatch.setattr(make, "pytest", lambda *words: asked.append(words))
+    make.test_all()
+    assert asked == [("-m", "not rare"), ("-m", "rare")]
 
 
 def test_installation_counts_packages_and_megabytes(make):

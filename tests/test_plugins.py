@@ -79,6 +79,7 @@ def installed(tmp_path_factory):
     return target
 
 
+@pytest.mark.main
 def test_what_another_package_offers_is_used(installed, tmp_path):
     """Read, tracked, named in tables, stored and loaded; what cannot be used is told, by its package, and left out."""
     rows = [f"{i},0,0,{i},5,{i % 7}" for i in range(60)]

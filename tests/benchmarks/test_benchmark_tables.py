@@ -37,7 +37,7 @@ def test_tracker_speed_writes_what_it_prints(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(tracker_speed, "PARTS", {"one": part, "other": None})
     tracker_speed.main(["one", "--quick", "--out", str(tmp_path / "new")])
     table = pd.read_csv(tmp_path / "new" / "table.csv")
-    assert table.columns.tolist() == ["part", "what", "frames", "cpu_s", "loops", "wall_s", "memory_mb"]
+    assert table.columns.tolist() == ["part", "what", "frames", "cpu_s", "loops", "wall_s", "memory_mb", "over"]
     assert table.loc[0].tolist()[:6] == ["one", "a pass", 10, 3.0, 2.0, 4.0]
     assert table["memory_mb"].tolist()[1] == 5.0
     assert np.isnan(table["cpu_s"].tolist()[1])

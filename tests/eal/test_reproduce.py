@@ -36,6 +36,7 @@ def coarser(monkeypatch):
     monkeypatch.setattr(sweep, "STEP_S", 2e-4)
 
 
+@pytest.mark.main
 @pytest.mark.usefixtures("coarser")
 def test_figures_are_written_with_verdicts(arcs, tmp_path):
     """Pictures, tables and verdicts.json for a figure of each kind; nothing half-written stays."""
@@ -70,6 +71,7 @@ def test_figure_13_has_the_reference_numbers(tmp_path):
     assert [v.holds for v in verdicts] == [True, True, False, True]
 
 
+@pytest.mark.main
 def test_figure_20_confines_a_free_joint(arcs):
     figure = figure_20(arcs["lizard"], quick=True)
     assert all(v.holds and v.refused for v in figure.verdicts)
@@ -108,6 +110,7 @@ def test_maps_of_joints_notice_what_is_no_joint(arcs, rng):
     assert not fig_joints.joint_verdicts(z, x, y, v.T)[1].holds
 
 
+@pytest.mark.main
 def test_figure_8_compares_trials(arcs):
     """Ranges of 90 to 110 and 95 to 115 degrees: alike and different; of one kind: alike and not different."""
     rng = np.random.default_rng(5)
@@ -149,6 +152,7 @@ def test_the_v_does_not_change_with_quick(figure, whole):
     assert all(v.refused for v in quick.verdicts)
 
 
+@pytest.mark.main
 def test_unknown_figures_are_refused(tmp_path):
     with pytest.raises(ValueError, match="there is no figure '9': the figures are 3, 6, 7, 8, 11"):
         reproduce(["9"], tmp_path)
@@ -190,6 +194,7 @@ def test_verdicts_on_the_theorems(tmp_path):
     assert "Theorem 3: theorem3.png, theorem3.csv; 1 of 2 claims hold" in (tmp_path / "figures.md").read_text()
 
 
+@pytest.mark.main
 def test_verdicts_can_fail():
     """The V of figure 11 with its minimum at a larger lambda for the smallest eps, and with a flat right arm."""
     lams, penalties = np.logspace(-1, -9, 17), np.array([1e3, 1e4, 1e5, 1e6])

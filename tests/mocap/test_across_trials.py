@@ -179,6 +179,7 @@ def test_facts_of_a_recording_are_those_that_it_was_made_with():
 FLIGHTS = [("078A3", f"F{k}") for k in (1, 2, 3, 4, 5)] + [("FE404", "F2")]
 
 
+@pytest.mark.rare
 def test_the_flight_with_a_playback_rate_is_the_one_that_is_named():
     """Of six flights one project states 25.56 frames a second, five 700; no other alarm, two bats and all."""
     trials = []

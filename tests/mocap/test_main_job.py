@@ -37,10 +37,10 @@ def recordings():
     options = ["--dlt", real_path(f"{f5}dltCoefs.csv"), "--fps", 700, "--no-validate", "--model", "constant_velocity"]
     yield pytest.param(f"{f5}xypts.csv", options, 9, id="078A3_F5")
     options = ["--dlt", real_path(f"{fe}dltCoefs.csv"), "--profile", real_path(f"{fe}camera_profile.txt"), "--fps", 700]
-    yield pytest.param(f"{fe}xypts.csv", options, 0, id="FE404_F2")
+    yield pytest.param(f"{fe}xypts.csv", options, 0, id="FE404_F2", marks=pytest.mark.rare)
     options = ["--dlt", real_path(dlt), "--fps", 25, "--origin", "lower-left"]
     yield pytest.param(bats, options, 0, id="cave")
-    yield pytest.param(speaker, options, 0, id="speaker")
+    yield pytest.param(speaker, options, 0, id="speaker", marks=pytest.mark.rare)
 
 
 def real_path(path: str):

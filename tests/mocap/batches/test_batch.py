@@ -87,6 +87,7 @@ def undisturbed(lab, tmp_path_factory):
     return library.batch(lab, out, **QUICK), out
 
 
+@pytest.mark.main
 def test_each_trial_is_tracked_as_by_itself(lab, undisturbed, tmp_path):
     """The tables are those that mocap.track writes, byte for byte; the bad trial is told and stops nothing."""
     found, out = undisturbed
@@ -362,6 +363,7 @@ def test_a_result_is_looked_at(undisturbed, tmp_path, monkeypatch):
     assert recording_file(made).stat().st_size > 1000
 
 
+@pytest.mark.main
 def test_wrong_usage(lab, tmp_path, mocap, monkeypatch):
     """One line each that tells what to do."""
     monkeypatch.setattr(cluster, "CONNECT_S", 0.5)

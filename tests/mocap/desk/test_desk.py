@@ -67,6 +67,7 @@ def worked(scene, tmp_path_factory):
             yield desk, browser
 
 
+@pytest.mark.main
 def test_a_person_opens_corrects_tracks_and_exports(scene, worked, tmp_path, driver):
     """A folder with a result is opened in a browser, three points are placed with the mouse, tracked again, passed on.
 
@@ -154,6 +155,7 @@ def test_places_are_ranked_by_what_a_click_settles(worked):
     assert all("not believed" in place["why"] for place in doubted)
 
 
+@pytest.mark.main
 def test_corrections_settle_at_once_and_are_taken_back(worked, scene):
     """Places, an exchange and a deletion change the tracks around them; undone, tracks and recording are as before."""
     desk, browser = worked

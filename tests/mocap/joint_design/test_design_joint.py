@@ -77,6 +77,7 @@ def test_the_assembly_holds_all_parts_in_place(designed):
     assert all(low[1] < high[0] for low, high in pairwise(heights))
 
 
+@pytest.mark.main
 def test_everything_is_written(designed):
     folder, _ = designed
     names = {path.name for path in folder.iterdir()}

@@ -111,6 +111,7 @@ def test_what_is_hidden_is_not_seen(viewer, tmp_path):
     assert not any(amount(hidden, color) for color in layers.values())
 
 
+@pytest.mark.main
 def test_measured_pixels_are_seen_where_they_were_measured(viewer, tmp_path):
     """The dots of the tracks, in pixels that run up, are drawn at height minus v."""
     run = loaded(viewer, make_run(n_frames=60, n_cameras=2, handed=-1.0, y_up=True), tmp_path)
@@ -120,6 +121,7 @@ def test_measured_pixels_are_seen_where_they_were_measured(viewer, tmp_path):
     assert share_found(picture, uv_px + SHIFT_PX, palette.SKY_BLUE) < 0.5
 
 
+@pytest.mark.main
 def test_tile_and_scene_of_the_blueprint_show_the_animal(viewer, tmp_path):
     """The views that a user gets hold body, gaps and bones, framed: neither a dot nor out of sight."""
     run = loaded(viewer, make_run(n_frames=60, n_cameras=2), tmp_path)

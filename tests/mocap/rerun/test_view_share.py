@@ -75,6 +75,7 @@ def asked_for(browser):
     return [m["params"]["request"]["url"] for m in told(browser) if m["method"] == "Network.requestWillBeSent"]
 
 
+@pytest.mark.main
 def test_the_web_viewer_is_sent_the_recording(browser, recordings):
     """What mocap view --web serves: its page starts the viewer, which asks our server for the recording and gets it.
 
@@ -107,6 +108,7 @@ def test_the_web_viewer_is_sent_the_recording(browser, recordings):
     assert not others
 
 
+@pytest.mark.main
 def test_what_else_a_folder_holds_stays(recordings, tmp_path, monkeypatch):
     """The page is replaced, other files are not touched; no temporary folder is left. It lacks the viewer's program."""
     page, script, _ = share.fetched_viewer()

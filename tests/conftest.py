@@ -65,6 +65,7 @@ SLOW = {
     "filters/test_one_more_ray.py": 7,
     "filters/test_recording_alone.py": 4,
     "filters/test_rigid.py": 3,
+    "filters/test_slips.py": 8,
     "filters/test_roughness.py": 2,
     "filters/test_shape_mechanics.py": 2,
     "mocap/batches/test_batch.py": 45,

@@ -27,6 +27,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.score import Residuals, Score
 from mocap.filters.velocities import RatePoints
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,19 +128,23 @@ class Members:
 
     Attributes:
         found: The K estimates; the last is of the pose model.
-        recording: Its markers as triangulated.
+        recording: Its markers as triangulated, and where its rigid bodies have them.
+        placed: (T, M) where these have them.
     """
 
     found: tuple[Estimate, ...]
     recording: MarkerTrial
+    placed: NDArray[np.bool_]
 
     def mixed(self, mixture: Mixture) -> "MixedTrack":
         """What was not seen by the mixture; all else by the pose model.
 
-        What the pose model refused is its own, and as uncertain as what was not seen: others may have believed it.
+        What the pose model refused is its own, and as uncertain as what was not seen: others may have believed it. A
+        marker that its rigid body has is its own as well, as certain as it says: all models have the same of it, and
+        hidden gaps say how they err where nothing does.
         """
         last, seen = self.found[-1], self.recording.seen
-        used = (seen & last.believed)[..., None]
+        used = (seen & last.believed | self.placed)[..., None]
         xyz, cov = mixture.combine(
             [*(np.where(seen[..., None] & ~used, np.nan, f.xyz_m) for f in self.found[:-1]), last.xyz_m],
             [f.cov_m2 for f in self.found],
@@ -420,7 +425,9 @@ def _estimates(
     ]
     parts = [gaps.calls(fill) for gaps, fill in hidden]
     found = iter(call_all([*whole[::-1], *chain(*parts)], progress))
-    every = Members(found=tuple(islice(found, len(whole)))[::-1], recording=trials.trials[-1])
+    every = Members(
+        found=tuple(islice(found, len(whole)))[::-1], recording=trials.trials[-1], placed=trials.rigid.filled
+    )
     missed = [
         gaps.together(list(islice(found, len(part))), fill) for (gaps, fill), part in zip(hidden, parts, strict=True)
     ]

@@ -9,8 +9,8 @@ from mocap.filters.conditional import expected, patterns
 from mocap.filters.independent import FEWEST_FRAMES
 from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
+from mocap.filters.slips import Slip, bridged, learn_slip, longest_run
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 from scipy.spatial.distance import squareform
 from scipy.special import fdtri
 
@@ -140,40 +140,40 @@ class BodyShape:
         members: (K,) markers.
         place_m: (K, 3) mean places.
         spread: (3K, 3K) covariance of what is measured there, of which rigid motions have no part.
-        lasting: (3K, 3K) the part of it that the next frame shares, what slips, and how uncertain places are.
-        noise: (K,) variance of the rest, the noise of a coordinate of each marker.
         motions: (3K, 6) orthonormal small rigid motions.
     """
 
     members: NDArray[np.int64]
     place_m: Array
     spread: Array
-    lasting: Array
-    noise: Array
     motions: Array
 
 
-def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
+def body_shape(trial: MarkerTrial, members: Sequence[int], others: Sequence[MarkerTrial] = ()) -> BodyShape | None:
     """Learn a body from a trial with gaps; None: it hardly shows four of its markers together.
 
     Each frame is brought to the mean shape (Gower 1975). What is left there, of frames in which some are missing by
     expectation maximisation, is jointly Gaussian but for rigid motions, of which a frame says nothing. Its covariance
     is drawn to equal, independent errors of all markers as far as the independent samples are few (the oracle
     approximating shrinkage of Chen, Wiesel, Eldar & Hero 2010).
+
+    Args:
+        trial: The trial; places are its own.
+        members: Markers of the body.
+        others: Trials that show, too, how far it bends, each about its own mean shape.
     """
     index = np.array(members)
-    xyz = trial.xyz_m[:, index]
-    count = np.isfinite(xyz[..., 0]).sum(axis=1)
-    frames = np.flatnonzero(count > FEWEST_OF_BODY)
-    if len(frames) < FEWEST_FRAMES:
+    found = left_in_axes(trial, index)
+    if found is None:
         return None
-    place = trunk_shape(xyz[frames])
-    left = (_in_axes(xyz[frames], place)[0] - place).reshape(len(frames), -1)
+    left, place = found
+    more = [one for other in others if (one := left_in_axes(other, index)) is not None]
+    weight = float(sum(_median_samples(one) for one in (left, *(one for one, _ in more))))
+    left = np.concatenate([left, *(one for one, _ in more)])
     motions = rigid_motions(place)
     size = left.shape[1]
     inner = np.eye(size) - motions @ motions.T
     free = max(float(np.nanmean(left**2)), 1e-18)
-    weight = float(np.median(independent_samples(np.where(np.isfinite(left), left, 0.0))))
     mean, spread = np.zeros(size), free * inner
     for _ in range(8):  # places are known after two or three rounds
         found, extra = expected(left, mean, spread + VAGUE * free * motions @ motions.T + 1e-6 * free * np.eye(size))
@@ -183,15 +183,27 @@ def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
             (weight + 1 - 2 / p) * max(squares - total**2 / p, 1e-12 * squares)
         )
         spread = second + min(1.0, equal) * (total / p * inner - second)
-    whole = np.where(np.isfinite(left), left, 0.0) @ inner
-    after = np.diff(frames) == 1
-    both = np.asarray(np.isfinite(left).all(axis=1))
-    after &= both[1:] & both[:-1]
-    lag = whole[:-1][after].T @ whole[1:][after] / max(int(after.sum()), 1)
-    lasting = _part_of(spread, 0.5 * (lag + lag.T))
-    blocks = (inner**2).reshape(len(index), 3, len(index), 3).sum(axis=(1, 3))
-    noise, _ = nnls(blocks, np.diagonal(spread - lasting).reshape(-1, 3).sum(axis=1))
-    return BodyShape(index, place, spread, lasting + spread / weight, noise, motions)
+    return BodyShape(index, place, spread, motions)
+
+
+def left_in_axes(trial: MarkerTrial, index: NDArray[np.int64]) -> tuple[Array, Array] | None:
+    """What a trial's mean shape of some markers leaves of its frames; None: it hardly shows four of them together.
+
+    Returns:
+        (N, 3K) what is left of frames that show four, NaN where not seen; (K, 3) the shape.
+    """
+    xyz = trial.xyz_m[:, index]
+    frames = np.flatnonzero(np.isfinite(xyz[..., 0]).sum(axis=1) > FEWEST_OF_BODY)
+    if len(frames) < FEWEST_FRAMES:
+        return None
+    place = trunk_shape(xyz[frames])
+    if not np.isfinite(place).all():
+        return None
+    return (_in_axes(xyz[frames], place)[0] - place).reshape(len(frames), -1), place
+
+
+def _median_samples(left: Array) -> float:
+    return float(np.median(independent_samples(np.where(np.isfinite(left), left, 0.0))))
 
 
 def rigid_motions(place_m: Array) -> Array:
@@ -200,17 +212,6 @@ def rigid_motions(place_m: Array) -> Array:
     turns = np.cross(np.eye(3)[:, None], away[None]).reshape(3, -1)
     shifts = np.tile(np.eye(3), (1, len(place_m)))
     return np.linalg.qr(np.concatenate([shifts, turns]).T)[0]
-
-
-def _part_of(whole: Array, part: Array) -> Array:
-    """The covariance that is nearest to ``part`` among those between 0 and ``whole``, in units of that."""
-    values, vectors = np.linalg.eigh(whole)
-    kept = values > 1e-9 * values[-1]
-    root = vectors[:, kept] * np.sqrt(values[kept])
-    white = vectors[:, kept] / np.sqrt(values[kept])
-    shares, axes = np.linalg.eigh(white.T @ part @ white)
-    both = root @ axes
-    return (both * np.clip(shares, 0.0, 1.0)) @ both.T
 
 
 def _in_axes(xyz: Array, place: Array) -> tuple[Array, Array, Array]:
@@ -270,16 +271,18 @@ class Completed:
         return out
 
 
-def completed(trial: MarkerTrial, bodies: Sequence[Sequence[int]]) -> Completed:
+def completed(trial: MarkerTrial, bodies: Sequence[Sequence[int]], others: Sequence[MarkerTrial] = ()) -> Completed:
     """Markers of bodies that are not seen, from those that are: the best linear unbiased estimate.
 
     Given the markers that are seen, and nothing of the body's motion, a hidden one has the mean and covariance of
-    universal kriging (Matheron 1969): the rigid fit with weights, and what its markers' slips have in common. Its own
-    place is that without the noise of a measurement.
+    universal kriging (Matheron 1969): the rigid fit with weights, and what its markers' slips have in common. What that
+    misses the marker by where it is seen is bridged (``slips``), as a shoe bends and skin slides for some time, and all
+    trials say how far and for how long. Its own place is that without the noise of a measurement.
 
     Args:
         trial: The trial.
         bodies: Markers of each body.
+        others: Trials of the same markers, of the size of its animal.
     """
     xyz = np.full(trial.xyz_m.shape, np.nan)
     cov, lasting = np.full((2, *xyz.shape, 3), np.nan)
@@ -287,35 +290,64 @@ def completed(trial: MarkerTrial, bodies: Sequence[Sequence[int]]) -> Completed:
         hidden = ~trial.seen[:, list(members)]
         if not hidden.any() or len(members) <= FEWEST_OF_BODY:
             continue
-        shape = body_shape(trial, members)
+        shape = body_shape(trial, members, others)
         if shape is None:
             continue
-        seen_m, rotation, position = _in_axes(trial.xyz_m[:, shape.members], shape.place_m)
-        whole = shape.spread + VAGUE * np.trace(shape.spread) / len(shape.spread) * shape.motions @ shape.motions.T
-        ever = trial.seen[:, shape.members].any(axis=0)
-        for seen, frames in patterns(~hidden):
-            lost = np.flatnonzero(~seen & ever)
-            if seen.sum() < FEWEST_OF_BODY or not len(lost):
+        local, rotation, position = _in_axes(trial.xyz_m[:, shape.members], shape.place_m)
+        left = [_in_axes(other.xyz_m[:, shape.members], shape.place_m)[0] - shape.place_m for other in others]
+        left = [one.reshape(len(one), -1) for one in (*left, local - shape.place_m)]
+        ever, known = trial.seen[:, shape.members].any(axis=0), dict[int, Slip]()
+        for seen, frames in sorted(patterns(~hidden), key=lambda one: -len(one[1])):
+            if seen.sum() < FEWEST_OF_BODY:
                 continue
-            rows = np.repeat(seen, 3)
-            columns = (3 * lost[:, None] + np.arange(3)).ravel()
-            by = np.linalg.lstsq(whole[np.ix_(rows, rows)], whole[np.ix_(rows, columns)], rcond=1e-12)[0]
-            error = np.zeros((len(columns), len(whole)))
-            error[:, rows], error[np.arange(len(columns)), columns] = -by.T, 1.0
-            lasts = error @ shape.lasting @ error.T
-            vague = VAGUE * np.trace(shape.spread) / len(shape.spread) * np.sum((error @ shape.motions) ** 2)
-            total = lasts + (by.T * np.repeat(shape.noise[seen], 3)) @ by
-            extent = np.linalg.svd(shape.place_m - shape.place_m.mean(axis=0), compute_uv=False)[1]
-            limit = (np.tan(np.radians(WOBBLES_DEG)) * extent) ** 2 / len(shape.members)
-            local = (seen_m[frames] - shape.place_m)[:, seen].reshape(len(frames), -1) @ by
-            turn = rotation[frames]
-            for k, m in enumerate(lost):
-                block = slice(3 * k, 3 * k + 3)
-                if np.trace(total[block, block]) / 3 + vague > limit:
+            for m in np.flatnonzero(~seen & ever):
+                found = _placed(shape, left, seen, int(m), frames, known)
+                if found is None:
                     continue
-                marker = shape.members[m]
-                back = shape.place_m[m] + local[:, block]
-                xyz[frames, marker] = np.einsum("tij,tj->ti", turn, back) + position[frames]
-                cov[frames, marker] = turn @ total[block, block] @ turn.swapaxes(1, 2)
-                lasting[frames, marker] = turn @ lasts[block, block] @ turn.swapaxes(1, 2)
+                marker, turn, (place, whole, lasts) = shape.members[m], rotation[frames], found
+                xyz[frames, marker] = np.einsum("tij,tj->ti", turn, shape.place_m[m] + place) + position[frames]
+                cov[frames, marker] = turn @ whole @ turn.swapaxes(1, 2)
+                lasting[frames, marker] = turn @ lasts @ turn.swapaxes(1, 2)
     return Completed(xyz, cov, lasting)
+
+
+def _placed(
+    shape: BodyShape,
+    left: Sequence[Array],
+    seen: NDArray[np.bool_],
+    lost: int,
+    frames: NDArray[np.int64],
+    known: dict[int, Slip],
+) -> tuple[Array, Array, Array] | None:
+    """Where a body has a marker, from its place, in its axes; None: by more than its frame may turn, it does not know.
+
+    Args:
+        shape: The body.
+        left: (T, 3K) what its mean shape leaves of each trial; the last is the one to fill.
+        seen: (K,) markers that are seen.
+        lost: The one that is not.
+        frames: (n,) in which.
+        known: How markers slip that were lost before, while others were seen; this one is added.
+
+    Returns:
+        (n, 3) places, (n, 3, 3) their covariances, (n, 3, 3) the part of these that lasts.
+    """
+    vague = VAGUE * np.trace(shape.spread) / len(shape.spread)
+    whole = shape.spread + vague * shape.motions @ shape.motions.T
+    rows, column = np.repeat(seen, 3), np.repeat(np.arange(len(seen)) == lost, 3)
+    by = np.linalg.lstsq(whole[np.ix_(rows, rows)], whole[np.ix_(rows, column)], rcond=1e-12)[0]
+    error = np.zeros((3, len(whole)))
+    error[:, rows], error[:, column] = -by.T, np.eye(3)
+    extent = np.linalg.svd(shape.place_m - shape.place_m.mean(axis=0), compute_uv=False)[1]
+    limit = (np.tan(np.radians(WOBBLES_DEG)) * extent) ** 2 / len(shape.members)
+    bends = error @ shape.spread @ error.T
+    if float(np.trace(bends)) / 3 + vague * float(np.sum((error @ shape.motions) ** 2)) > limit:
+        return None
+    used = rows | column
+    series = [one[:, used] @ error[:, used].T for one in left]
+    if lost not in known:
+        known[lost] = learn_slip(series, longest_run(frames), bends)
+    slip = known[lost].of(series, bends)
+    white = slip.white_m2 / (1 + np.sum(by**2) / 3) * by.T @ by  # all markers' noise is equal
+    place, lasts = bridged(slip, series[-1], frames)
+    return left[-1][frames][:, rows] @ by + place, lasts + white, lasts

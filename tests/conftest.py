@@ -67,6 +67,7 @@ SLOW = {
     "filters/test_rigid.py": 3,
     "filters/test_roughness.py": 2,
     "filters/test_shape_mechanics.py": 2,
+    "filters/test_slips.py": 8,
     "mocap/batches/test_batch.py": 45,
     "mocap/batches/test_trial_limits.py": 9,
     "mocap/desk/test_desk.py": 34,

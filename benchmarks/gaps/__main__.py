@@ -3,6 +3,7 @@
 Two tables on stdout (``benchmarks.gaps.table``, ``benchmarks.gaps.comparison``), progress and failures on stderr.
 Into the folder: ``folds.csv`` (each method, trial, seed and kind of gap, as it comes), ``table.csv`` (trials pooled),
 ``ratios.csv`` (each method against the best of each cell, with standard errors), ``summary.csv`` (a row a method),
+``draws.csv`` (each set and method: its spread over draws of gaps, and processor time a draw),
 ``comparison.csv`` (EAL beside the best peer, its controls and the oracle), ``error.png``, ``coverage.png``.
 """
 
@@ -25,7 +26,7 @@ from benchmarks.gaps.oracle import EalOracle
 from benchmarks.gaps.ours import alone, ours
 from benchmarks.gaps.registry import methods
 from benchmarks.gaps.sets import FILMED, SETS, size
-from benchmarks.gaps.table import FOLDS, against_best, as_sentence, as_text, pooled, ratios, summary
+from benchmarks.gaps.table import FOLDS, against_best, as_sentence, as_text, draws, pooled, ratios, summary
 from mocap.errors import MocapError
 
 
@@ -41,10 +42,12 @@ def main() -> int:
         nargs="+",
         help="names; default: all; with --quick without parts of EAL alone",
     )
-    parser.add_argument("--seeds", type=int, help="number of seeds (3)")
+    parser.add_argument("--seeds", type=int, help="number of draws of gaps (10; with --quick 3)")
     parser.add_argument("--folds", type=int, help="trials of each set that are left out, at most (all)")
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (2)")
-    parser.add_argument("--resume", action="store_true", help="keep what folds.csv in the folder has")
+    parser.add_argument(
+        "--resume", action="store_true", help="keep what folds.csv in the folder has, and draw what lacks"
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder for tables and pictures")
     args = parser.parse_args()
     begin = time.perf_counter()
@@ -103,12 +106,7 @@ def _collect(tasks: Sequence[Task], args: argparse.Namespace) -> list[dict]:
     path = args.out / "folds.csv"
     rows: list[dict] = []
     if args.resume and path.exists():
-        rows = pd.read_csv(path).to_dict("records")
-        whole = {(r["set"], r["trial"], r["method"], r["seed"]) for r in rows if np.isfinite(r["rmse_mm"])}
-        done = {key[:3] for key in whole if all((*key[:3], seed) in whole for seed in tasks[0].extent.seeds)}
-        done -= {(r["set"], r["trial"], r["method"]) for r in rows[-1:]}  # it may have been cut off in the middle
-        rows = [r for r in rows if (r["set"], r["trial"], r["method"]) in done]
-        tasks = [t for t in tasks if (t.name, fold_trials(t.name, t.trial, t.extent)[-1].name, t.method) not in done]
+        rows, tasks = resumed(pd.read_csv(path).to_dict("records"), tasks)
     pd.DataFrame(rows, columns=FOLDS).to_csv(path, index=False)
     written = before = time.perf_counter()
     for count, (task, new, trouble) in enumerate(results(tasks, args.jobs), start=1):
@@ -130,10 +128,25 @@ def _collect(tasks: Sequence[Task], args: argparse.Namespace) -> list[dict]:
     return rows
 
 
+def resumed(rows: list[dict], tasks: Sequence[Task]) -> tuple[list[dict], list[Task]]:
+    """What an earlier run has of some tasks, and what these lack of it: draws that are whole are not made again."""
+    tried = {(r["set"], r["trial"], r["method"], r["seed"]) for r in rows}
+    lost = {(r["set"], r["trial"], r["method"], r["seed"]) for r in rows if not np.isfinite(r["rmse_mm"])}
+    lost |= {(r["set"], r["trial"], r["method"], r["seed"]) for r in rows[-1:]}  # it may be cut off in the middle
+    whole, left = tried - lost, []
+    for task in tasks:
+        trial = fold_trials(task.name, task.trial, task.extent)[-1].name
+        seeds = tuple(s for s in task.extent.seeds if (task.name, trial, task.method, s) not in whole)
+        if seeds:
+            left.append(replace(task, extent=replace(task.extent, seeds=seeds)))
+    return [r for r in rows if (r["set"], r["trial"], r["method"], r["seed"]) in whole], left
+
+
 def _write(folds: pd.DataFrame, out: Path, *, final: bool) -> None:
     table = pooled(folds)
     table.to_csv(out / "table.csv", index=False, float_format="%.6g")
     summary(folds).to_csv(out / "summary.csv", index_label="method", float_format="%.6g")
+    draws(folds).to_csv(out / "draws.csv", index=False, float_format="%.4g")
     ratios(folds).to_csv(out / "ratios.csv", index=False, float_format="%.4g")
     if final:
         plots.draw(folds, table, out)

@@ -33,7 +33,7 @@ class Extent:
         once: Whether only as many copies of a trial are filled as hold each kind of gap once.
     """
 
-    seeds: tuple[int, ...] = (0, 1, 2)
+    seeds: tuple[int, ...] = tuple(range(10))
     scenarios: tuple[str, ...] = SCENARIOS
     lengths: tuple[int, ...] = GAPS
     rays: tuple[int, ...] = RAYS
@@ -48,7 +48,7 @@ class Extent:
         return self.training < 100
 
 
-QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160, once=True)
+QUICK = Extent(seeds=(0, 1, 2), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160, once=True)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
 QUICK_SETS = ("twin_speeds", "bat", "bat_flights", "bat_other", "snake_other", "mouse")
 """Two of each: several gaits, other animals, one animal in one gait; the first can be made without recordings."""

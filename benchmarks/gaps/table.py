@@ -79,6 +79,22 @@ def spread(folds: pd.DataFrame) -> pd.Series:
     return np.sqrt(relative.groupby("set").var().mean())
 
 
+def draws(folds: pd.DataFrame) -> pd.DataFrame:
+    """How much a set's numbers change from draw to draw of its gaps, by which a change of a method can be judged.
+
+    Columns: ``set``, ``method``, ``draws`` (seeds), ``mm`` (geometric mean of the RMSE over draws, a draw being that
+    over its cells and trials), ``sd`` (standard deviation over draws of its logarithm), ``error`` (standard error of
+    the mean), ``seconds`` (of the processor, of filling all trials once a draw); NaN of one draw.
+    """
+    logs = folds.assign(log=np.log(folds["rmse_mm"]))
+    each = logs.groupby(["set", "method", "seed"], sort=False)["log"].mean().groupby(["set", "method"], sort=False)
+    once = folds.drop_duplicates(["set", "method", "seed", "trial"])
+    seconds = once.groupby(["set", "method", "seed"])["seconds"].sum(min_count=1).groupby(["set", "method"]).mean()
+    out = pd.DataFrame({"draws": each.count(), "mm": np.exp(each.mean()), "sd": each.std()})
+    out["error"] = out["sd"] / np.sqrt(out["draws"])
+    return out.join(seconds).reset_index()
+
+
 def ratios(folds: pd.DataFrame) -> pd.DataFrame:
     """Each method against the best of each cell, paired by trial and seed.
 

@@ -56,8 +56,10 @@ class TrialSet:
         last = self.trials[-1]
         if self.anatomy.bodies is None:
             self.anatomy = replace(self.anatomy, bodies=tuple(map(tuple, find_bodies(last))))
-        self.rigid = completed(last, self.anatomy.bodies or ())
-        self.trials = [*sized_like(self.trials[:-1], last), self.rigid.whole(last)]
+        others = sized_like(self.trials[:-1], last)
+        with one_blas_thread():
+            self.rigid = completed(last, self.anatomy.bodies or (), others)
+        self.trials = [*others, self.rigid.whole(last)]
 
     @cached_property
     def poses(self) -> list[PoseTrial]:

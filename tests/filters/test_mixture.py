@@ -394,10 +394,17 @@ def test_what_was_refused_is_no_surer_than_what_was_not_seen():
     pose = Estimate(xyz_m=np.zeros((20, 2, 3)), cov_m2=cov, observed=observed)
     other = Estimate(xyz_m=np.ones((20, 2, 3)), cov_m2=1e-6 * cov)
     rng = np.random.default_rng(19)
-    alone = Members(found=(pose,), recording=trial)
+    none = np.zeros(seen.shape, dtype=bool)
+    alone = Members(found=(pose,), recording=trial, placed=none)
     found = alone.mixed(mixture(1, rng, scale=np.full((4, 1), 2.0), widen=3.0)).markers
     np.testing.assert_allclose(found.cov_m2[gap], 36 * cov[gap], rtol=1e-12)
     np.testing.assert_array_equal(found.cov_m2[~gap], cov[~gap])
-    both = Members(found=(other, pose), recording=trial).mixed(mixture(2, rng, widen=3.0)).markers
+    both = Members(found=(other, pose), recording=trial, placed=none).mixed(mixture(2, rng, widen=3.0)).markers
     np.testing.assert_array_equal(both.xyz_m[:, 0], 0)
     np.testing.assert_allclose(both.cov_m2[gap, 0], 9 * cov[gap, 0], rtol=1e-12)
+    placed = none.copy()
+    placed[gap, 1] = True  # by its rigid body: as certain as that says
+    rigid = Members(found=(other, pose), recording=trial, placed=placed).mixed(mixture(2, rng, widen=3.0)).markers
+    np.testing.assert_array_equal(rigid.xyz_m[:, 1], pose.xyz_m[:, 1])
+    np.testing.assert_array_equal(rigid.cov_m2[gap, 1], cov[gap, 1])
+    np.testing.assert_array_equal(rigid.cov_m2[gap, 0], both.cov_m2[gap, 0])

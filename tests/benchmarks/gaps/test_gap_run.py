@@ -65,10 +65,10 @@ def benchmark(monkeypatch, tmp_path):
 
 
 def test_one_table_and_its_files(benchmark, capsys):
-    """All kinds of gaps that 150 frames hold, three seeds; the method that fails has NaN there and a line on stderr."""
+    """All kinds of gaps that 150 frames hold, ten draws; the method that fails has NaN there and a line on stderr."""
     table, folder = benchmark()
     assert list(table) == TABLE
-    assert set(table["seed"]) == {0, 1, 2}
+    assert set(table["seed"]) == {*range(10)}
     assert set(table["gap"]) == {10, 25, 50, 100}
     assert set(table["scenario"]) == {"single", "pair", "limb", "all"}
     good, broken = (table[table["method"] == name] for name in ("zero", "broken"))
@@ -76,7 +76,7 @@ def test_one_table_and_its_files(benchmark, capsys):
     assert broken["rmse_mm"].isna().all()
     assert len(good) == len(broken)
     assert {path.name for path in folder.iterdir()} == {
-        *("folds.csv", "table.csv", "ratios.csv", "summary.csv", "error.png", "coverage.png")
+        *("folds.csv", "table.csv", "ratios.csv", "summary.csv", "draws.csv", "error.png", "coverage.png")
     }
     out, err = capsys.readouterr()
     assert [line.split()[0] for line in out.splitlines()[1:]] == ["method", "zero", "broken"]
@@ -95,10 +95,24 @@ def test_a_run_goes_on_where_it_was_cut(benchmark, capsys):
     pd.testing.assert_frame_equal(before[columns], after[columns])
 
 
+def test_more_draws_are_added(benchmark, monkeypatch):
+    """With ``--resume`` and more draws only those that lack are made; all are as if they were made at once."""
+    benchmark("--methods", "zero", "--seeds", "2")
+    made, run = [], cells.run
+    monkeypatch.setattr(cells, "run", lambda task: made.append(task.extent.seeds) or run(task))
+    more, _ = benchmark("--methods", "zero", "--seeds", "4", "--resume")
+    assert set(made) == {(2, 3), (1, 2, 3)}  # of the trial that was made last the last draw may have been cut
+    whole, _ = benchmark("--methods", "zero", "--seeds", "4")
+    columns = ["set", "scenario", "gap", "method", "seed", "rmse_mm"]
+    more, whole = (one[columns].sort_values(columns[:-1], ignore_index=True) for one in (more, whole))
+    pd.testing.assert_frame_equal(more, whole)
+
+
 def test_quick_is_a_part(benchmark):
-    """One fold, one seed, one scenario, two lengths."""
+    """One fold, three draws, one scenario, two lengths."""
     table, folder = benchmark("--quick", "--methods", "zero")
-    assert len(table) == 2
+    assert len(table) == 6
+    assert pd.read_csv(folder / "draws.csv")["draws"].tolist() == [3]
     assert set(pd.read_csv(folder / "folds.csv")["trial"]) == {"t0"}
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.gaps.table import FOLDS, TABLE, against_best, as_sentence, as_text, pooled, ratios, summary
+from benchmarks.gaps.table import FOLDS, TABLE, against_best, as_sentence, as_text, draws, pooled, ratios, summary
 
 
 def make_folds(rmse):
@@ -97,3 +97,11 @@ def test_the_best_of_many_is_chosen_by_the_other_trials():
     assert found["best"].to_dict() == {"x": "b", "y": "a"}
     np.testing.assert_allclose(found["ln_ratio"], [np.log(2 / 8), np.log(2 / 4)])
     assert "with every trial" in as_sentence(found.reset_index(), "ours")
+
+
+def test_spreads_over_draws():
+    """Two draws at 1 and e^2 mm: their mean e, SD of logarithms sqrt(2), standard error 1; both trials 2 s a draw."""
+    known = {("bat", 10, "one", k, t): (30, np.exp(2 * k)) for k in (0, 1) for t in "xy"}
+    line = draws(make_folds(known)).iloc[0]
+    assert (line["set"], line["method"], line["draws"]) == ("bat", "one", 2)
+    np.testing.assert_allclose([line["mm"], line["sd"], line["error"], line["seconds"]], [np.e, np.sqrt(2), 1, 4])

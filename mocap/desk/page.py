@@ -1,11 +1,8 @@
 """The page of the desk: each request has a schema, and is one call of the desk."""
 
 import json
-from base64 import b64encode
 from collections.abc import Callable, Mapping
-from hashlib import sha256
 from http import HTTPStatus
-from importlib.resources import files
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import cv2
@@ -16,12 +13,9 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from mocap.desk.desk import MEND, PASSED, Desk
+from mocap.desk.shell import shell
 from mocap.web.tasks import Elsewhere, Nothing, Query, below, changes, limits_of, page, reads, task
 
-_POLICY = (
-    "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
-    "base-uri 'none'; form-action 'none'; script-src 'sha256-{}'"
-)
 _VIEWER_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'self'"
 
 _Text = Annotated[str, Field(max_length=500)]
@@ -196,7 +190,7 @@ def desk_page(desk: Desk) -> Starlette:
         opened(_Trial(trial=""))
     return page(
         [
-            _shell(),
+            shell(),
             reads("/overview", Nothing, lambda _: desk.overview()),
             reads("/audit", _Trial, lambda given: desk.audit(given.trial)),
             reads("/open", _Trial, opened),
@@ -238,22 +232,6 @@ def desk_page(desk: Desk) -> Starlette:
 def _own(given: _Writes) -> dict[str, Any]:
     """What a request says but of what the page has seen."""
     return {name: value for name, value in given if name not in ("trial", "edits")}
-
-
-SCRIPTS = ("uPlot.iife.min.js", "views.js", "trials.js", "angles.js")
-"""In this order before the page's own; the first is uPlot 1.6.32 (MIT), as its authors publish it."""
-SHEETS = ("uPlot.min.css", "desk.css")
-
-
-def _shell() -> Route:
-    """The page itself with all of its style and its one script, which alone runs: nothing is loaded from elsewhere."""
-    room = files("mocap.desk")
-    html = room.joinpath("desk.html").read_bytes()
-    for mark, names in ((b"<style>", SHEETS), (b"<script>", SCRIPTS)):
-        html = html.replace(mark, mark + b"\n".join(room.joinpath(name).read_bytes() for name in names), 1)
-    script = html.partition(b"<script>")[2].partition(b"</script>")[0]
-    headers = {"Content-Security-Policy": _POLICY.format(b64encode(sha256(script).digest()).decode())}
-    return Route("/", lambda _: Response(html, media_type="text/html", headers=headers))
 
 
 def _png(picture: Any) -> Response:

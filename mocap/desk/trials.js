@@ -26,7 +26,8 @@ async function overview() {
   if (all.looking) {
     $("progress").textContent = `looking through the folders for trials ... ${waits++} s`;
     setTimeout(() => queued(overview), 1000);
-  } else if (waits) { waits = 0; $("progress").textContent = ""; }
+  } else if (waits || !$("rows").dataset.known) { waits = 0; $("progress").textContent = ""; }
+  $("rows").dataset.known = "1";
   return all;
 }
 // the rows that the filter leaves, in order

@@ -10,7 +10,8 @@ async function get(path, how) {
   let r;
   try { r = await fetch(path, how); } catch {
     document.body.dataset.ended = "1";
-    throw `The program has ended. All that it had said to be kept is in ${work}: start it again, and it goes on there.`;
+    throw work ? `The program has ended. All that it had said to be kept is in ${work}: start it again, and it goes on there.`
+      : "The program has ended: its terminal says why.";
   }
   const answer = await r.json();
   if (answer.reload) $("reload").hidden = false;

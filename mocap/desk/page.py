@@ -84,6 +84,10 @@ class _Passed(_WritesTrial):
     kind: Literal[*PASSED]  # pyright: ignore[reportInvalidTypeForm]
 
 
+class _Stopped(Query):
+    trial: _Text = ""
+
+
 class _Named(_Of):
     name: _Text
 
@@ -113,6 +117,7 @@ class _Click(_Writes):
     frame: _Frame
     marker: _Marker
     uv_px: tuple[float, float] | None
+    snap: bool = False
 
     @model_validator(mode="after")
     def _in_the_picture(self, info: ValidationInfo) -> Self:
@@ -216,7 +221,7 @@ def desk_page(desk: Desk) -> Starlette:
             writes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**_own(given))),
             writes("/state", _Answer, lambda given: desk.state(given.trial or "", given.name, given.value)),
             writes("/track", _WritesTrial, lambda _: desk.track()),
-            changes("/stop", Nothing, lambda _: desk.stop()),
+            changes("/stop", _Stopped, lambda given: desk.stop_one(given.trial) if given.trial else desk.stop()),
             writes("/find", _Writes, lambda _: desk.session().run()),
             writes("/place", _Click, lambda at: desk.opened().place(**_own(at))),
             writes("/exchange", _Exchange, lambda at: desk.opened().exchange(**_own(at))),

@@ -455,8 +455,12 @@ def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):
     assert kept.distances == {"span": ("right", "hand")}
 
 
-def test_tracking_stops_and_goes_on(scene, tmp_path, monkeypatch):
-    """Two trials one after the other: stopped at the second, which is tracked when told to go on, the first is not."""
+@pytest.mark.parametrize("alone", [False, True])
+def test_tracking_stops_and_goes_on(scene, tmp_path, monkeypatch, alone):
+    """Two trials one after the other: all, or the second alone, stopped at the second.
+
+    That is tracked when told to go on, the first is not.
+    """
     where = scene.folder
     for name in "ab":
         shutil.copy(where / "flight_xypts.csv", tmp_path / f"{name}_xypts.csv")
@@ -470,7 +474,14 @@ def test_tracking_stops_and_goes_on(scene, tmp_path, monkeypatch):
         while desk.progress().get("done") != 1:
             assert desk.progress()["running"]
             time.sleep(0.05)
-        assert desk.stop().startswith("stopped")
+        if alone:
+            (held,) = (row["name"] for row in desk.overview()["trials"] if row["status"] == "new")
+            assert desk.stop_one(held) == f"{held} is stopped, the others go on"
+            while (told := desk.progress())["running"]:
+                time.sleep(0.05)
+            assert (told["done"], told["total"]) == (1, 1)  # of those that were not stopped
+        else:
+            assert desk.stop().startswith("stopped")
         assert not desk.progress()["running"]
         assert sorted(row["status"] for row in desk.overview()["trials"]) == ["done", "new"]
         first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/trial.json")}

@@ -19,7 +19,7 @@ from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
 from mocap.cleaning.by_hand import errors_left, with_hand
 from mocap.cleaning.cleaning import clean
-from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
+from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of, snapped
 from mocap.errors import MocapError
 from mocap.kinematics.records import Rests
 from mocap.reading.decided import decided
@@ -230,8 +230,13 @@ class Proof(Pictures):
         """What is to be looked at next, by how much a correction would settle."""
         return places(self.tracks, self._measured, self.recording.edited)
 
-    def place(self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None) -> str:
-        """A marker is at a place of an image, or not to be seen there (None)."""
+    def place(
+        self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None, *, snap: bool = False
+    ) -> str:
+        """A marker is at a place of an image, or not to be seen there (None); with ``snap`` at the dot beside it."""
+        image = self.picture(camera, frame) if snap and uv_px is not None else None
+        if uv_px is not None and image is not None:
+            uv_px = snapped(image, uv_px)
         what = {"what": "unseen"} if uv_px is None else {"what": "place", "uv_px": uv_px}
         at = {"camera": self.raw.camera_names[camera], "marker": self.raw.names[marker]}
         return self.edit(**what, **at, frame=frame + 1)

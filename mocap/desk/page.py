@@ -201,6 +201,7 @@ def desk_page(desk: Desk) -> Starlette:
             reads("/open", _Trial, opened),
             reads("/progress", Nothing, lambda _: desk.progress()),
             reads("/frame", _Shown, lambda at: desk.opened().frame(at.frame, at.marker)),
+            reads("/around", _Shown, lambda at: desk.tracked().around(at.frame, at.marker)),
             reads("/places", _Of, places),
             reads("/curve", _Named, lambda given: desk.tracked().curve(given.name)),
             reads("/way", _Named, lambda given: desk.tracked().way(given.name)),

@@ -7,7 +7,7 @@ from importlib.resources import files
 from starlette.responses import Response
 from starlette.routing import Route
 
-SCRIPTS = ("uPlot.iife.min.js", "views.js", "trials.js", "angles.js")
+SCRIPTS = ("uPlot.iife.min.js", "views.js", "trials.js", "angles.js", "trace.js")
 """In this order before the page's own; the first is uPlot 1.6.32 (MIT), as its authors publish it."""
 SHEETS = ("uPlot.min.css", "desk.css")
 _POLICY = (

@@ -2,10 +2,10 @@
 let trials = [], chosen = "", order = { of: "name", down: false }, doing = {}, running = false, audited = {}, waits = 0;
 const COLUMNS = [  // title, of a trial, width, class
   { of: "name", title: "Trial", value: t => t.name, width: 190 },
-  { of: "state", title: "State", value: t => doing[t.name] || t.status, width: 92 },
+  { of: "state", title: "State", value: t => doing[t.name] || t.status, width: 74 },
   { of: "wrong", title: "What is wrong, worst first", value: t => wrongs(t).join("\n"), weight: t => -wrongs(t).length },
-  { of: "measured_percent", title: "Measured", value: t => digits(t.measured_percent, " %", 1), width: 86, number: true },
-  { of: "rmse_mm", title: "Gap error", value: t => digits(t.rmse_mm, " mm", 2), width: 86, number: true },
+  { of: "measured_percent", title: "Measured", value: t => digits(t.measured_percent, " %", 1), width: 88, number: true },
+  { of: "rmse_mm", title: "Gap error", value: t => digits(t.rmse_mm, " mm", 2), width: 80, number: true },
   { of: "fps", title: "Rate", value: t => digits(t.fps, " Hz", 0), width: 70, number: true, slim: true },
   { of: "mirrored", title: "Mirrored", value: t => t.mirrored || "", width: 76, slim: true },
   { of: "edits", title: "Corr.", value: t => t.edits || "", width: 56, number: true, slim: true },
@@ -61,7 +61,7 @@ function table() {
         const pick = make("button", shortened(text), { className: "name" });
         pick.setAttribute("aria-current", t.name === chosen ? "true" : "false");
         cell.append(pick);
-      } else if (c.of === "wrong") { const [first, ...more] = wrongs(t); cell.textContent = first ? first + (more.length ? ` (+${more.length})` : "") : ""; }
+      } else if (c.of === "wrong") { const [first, ...more] = wrongs(t); cell.classList.add("wrong"); if (first) cell.append(make("span", (more.length ? `${more.length + 1}: ` : "") + first)); }
       else cell.textContent = text;
       if (c.of === "state") cell.classList.add(t.status);
       return cell;

@@ -419,8 +419,23 @@ def test_a_person_sees_angles_and_goes_to_a_frame(worked, driver):
     until(driver, "document.body.dataset.pointed === '1'")
     low, high = driver.execute_script("return [charts[0].scales.x.min, charts[0].scales.x.max]")
     assert abs(driver.execute_script("return frame") - FPS * (low + high) / 2) <= 2
+    driver.execute_script("""const c = curves[shownQuantities[0]], t = c.seconds;
+        c.cycles = { wing: [[t[1], t[3]], [t[3], t[5]], [t[5], t[7]]] }; c.doubtful = { wing: { 1: "not seen" } };
+        queued(async () => { await plot(); count("given"); });""")
+    until(driver, "document.body.dataset.given === '1'")
+    driver.find_element("id", "plots").send_keys("d")
+    until(driver, "document.body.dataset.doubted === '1'")
+    assert driver.execute_script("return $('said').textContent") == "beat 2 is doubtful: not seen"
+    assert driver.execute_script("return [frame, curves[shownQuantities[0]].frames[3]]") == [3, 3]
     driver.find_element("id", "images").click()
     until(driver, "document.body.dataset.room === 'proof'")
+    driver.find_element("tag name", "body").send_keys("c")
+    until(driver, "document.body.dataset.traced === `${frame} ${marker}`")
+    assert len(driver.find_elements("css selector", "#trace canvas")) == 3
+    driver.find_element("tag name", "body").send_keys(Keys.ARROW_RIGHT)
+    until(driver, "document.body.dataset.traced === `4 ${marker}`")
+    driver.find_element("tag name", "body").send_keys("c")
+    until(driver, "!$('trace').clientHeight")
 
 
 def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):

@@ -55,10 +55,11 @@ class Lost(MocapError):
     """What a call would have given is lost with its process.
 
     Attributes:
-        why: The process ended by itself (``died``), or was ended, as it took too long or too much memory.
+        why: The process ended by itself (``died``), or was ended, as it took too long or too much memory, or a person
+            stopped it; such a call may not have begun.
     """
 
-    def __init__(self, text: str, why: Literal["died", "time", "memory"]) -> None:
+    def __init__(self, text: str, why: Literal["died", "time", "memory", "stopped"]) -> None:
         """With why."""
         super().__init__(text, why)
         self.why = why
@@ -244,6 +245,7 @@ class Pool:
         *,
         limit_s: Callable[[Name], float] = lambda _name: inf,
         hear: Hear | None = None,
+        stopped: Callable[[Name], bool] | None = None,
         tries: int = 2,
     ) -> Iterator[tuple[Name, "Future[Any]"]]:
         """What became of each call, as they end: its result, what it raised, or that it is ``Lost``.
@@ -252,6 +254,7 @@ class Pool:
             calls: By name.
             limit_s: Seconds that a call may take.
             hear: Told what calls tell.
+            stopped: Whether a call is not wanted any more, also one that is being made.
             tries: So many times a call is made whose process dies; one that takes too long is made once.
 
         Raises:
@@ -270,10 +273,12 @@ class Pool:
                 if not self.workers:
                     raise NoProcess(GUARD)
                 for worker in self.workers:
+                    while left and stopped is not None and stopped(left[0]):
+                        yield left.popleft(), _stopped()
                     if left and worker.ready and worker.call is None:
                         name = left.popleft()
                         worker.send(name, calls[name], hears=hear is not None, limit_s=limit_s(name))
-                wait([worker.pipe for worker in self.workers], self._look_again_s())
+                wait([worker.pipe for worker in self.workers], self._look_again_s(LOOK_S if stopped else inf))
                 for worker in list(self.workers):
                     name, future = worker.call, Future()
                     for kind, what in worker.messages():
@@ -289,6 +294,8 @@ class Pool:
                             future.set_exception(Lost("its process died", "died"))
                     if not future.done() and (error := self._beyond(worker)) is not None:
                         future.set_exception(error)
+                    if not future.done() and worker.call is not None and stopped is not None and stopped(name):
+                        future = _stopped()
                     error = future.exception() if future.done() else None
                     if isinstance(error, Lost):
                         self.workers.remove(worker)
@@ -297,7 +304,7 @@ class Pool:
                             vain += not worker.ready
                             continue
                         died[name] += 1
-                        if error.why != "time" and died[name] < tries:
+                        if error.why not in ("time", "stopped") and died[name] < tries:
                             left.appendleft(name)
                             continue
                     if future.done():
@@ -307,9 +314,9 @@ class Pool:
                 self.workers.remove(worker)
                 worker.end(now=True)
 
-    def _look_again_s(self) -> float | None:
+    def _look_again_s(self, most_s: float) -> float | None:
         until_s = min(worker.until_s for worker in self.workers) - monotonic()
-        soon_s = min(until_s, inf if self.most_bytes == inf else LOOK_S)
+        soon_s = min(until_s, most_s, inf if self.most_bytes == inf else LOOK_S)
         return None if soon_s == inf else max(soon_s, 0.0)
 
     def _beyond(self, worker: Worker) -> Lost | None:
@@ -325,6 +332,12 @@ class Pool:
         while self.workers:
             worker = self.workers.pop()
             worker.end(now=worker.call is not None or not worker.ready)
+
+
+def _stopped() -> "Future[Any]":
+    found: Future[Any] = Future()
+    found.set_exception(Lost("it was stopped", "stopped"))
+    return found
 
 
 _POOL: ContextVar[Pool | None] = ContextVar("_POOL", default=None)

@@ -68,14 +68,19 @@ class Cluster:
     connected: Client
 
     def each(
-        self, calls: Mapping[str, Call], *, limit_s: Callable[[str], float], hear: Hear
+        self,
+        calls: Mapping[str, Call],
+        *,
+        limit_s: Callable[[str], float],
+        hear: Hear,
+        stopped: Callable[[str], bool] | None = None,
     ) -> Iterator[tuple[str, "Future[Any]"]]:
-        """As of ``Runner``; how long a call may take is the cluster's own affair.
+        """As of ``Runner``; how long a call may take, and what stops it, is the cluster's own affair.
 
         Raises:
             NoProcess: the cluster has none left.
         """
-        del limit_s
+        del limit_s, stopped
 
         def heard(event: tuple[float, Any]) -> None:
             if event[1]["key"] in keys:  # others' batches are told of, too

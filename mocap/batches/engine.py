@@ -30,7 +30,12 @@ class Runner(Protocol):
     """Makes calls in other processes."""
 
     def each(
-        self, calls: Mapping[str, Call], *, limit_s: Callable[[str], float], hear: Hear
+        self,
+        calls: Mapping[str, Call],
+        *,
+        limit_s: Callable[[str], float],
+        hear: Hear,
+        stopped: Callable[[str], bool] | None = None,
     ) -> Iterator[tuple[str, Future[Any]]]:
         """What became of each call, as ``mocap.side_by_side.Pool.each`` tells it.
 

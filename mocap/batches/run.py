@@ -177,6 +177,7 @@ def batch(
     validate: bool = True,
     seed: int = 0,
     progress: Callable[[Progress], None] = lambda _progress: None,
+    stopped: Callable[[str], bool] | None = None,
     **arguments: Any,
 ) -> Batch:
     """Track many trials, each as ``mocap.track`` does, and go on after a bad one.
@@ -205,6 +206,8 @@ def batch(
         validate: Hide samples of each trial and measure how they are filled.
         seed: Which samples.
         progress: Told how far it is.
+        stopped: Whether a trial is not to be tracked any more, asked by its name twice a second, of this machine's
+            processes: what it was before stays, and the others go on.
         **arguments: Arguments of ``mocap.read`` for all trials: ``fps``, ``unit``, ``calibration``, ``skeleton``, ...
 
     Raises:
@@ -257,7 +260,7 @@ def batch(
             if state.missing and not ready:
                 _learn(makes, state, seed, limit_s)
             if state.missing:
-                _track(makes, state, options, told, again=again, limit_s=limit_s)
+                _track(makes, state, options, told, again=again, limit_s=limit_s, stopped=stopped)
         return Batch(folder, state.sum_up(), tuple(trial.name for trial in own))
 
 
@@ -315,6 +318,7 @@ def _track(
     *,
     again: bool,
     limit_s: float | None,
+    stopped: Callable[[str], bool] | None,
 ) -> None:
     """Track what is missing, each with what the others tell of it."""
     trials = {trial.name: trial for trial in state.missing}
@@ -323,8 +327,11 @@ def _track(
         name: partial(track_here, trial, options, state.out, again, tuple(told.get(name, ())))
         for name, trial in trials.items()
     }
-    for name, went in makes.each(calls, limit_s=limits.__getitem__, hear=state.hear):
+    for name, went in makes.each(calls, limit_s=limits.__getitem__, hear=state.hear, stopped=stopped):
         error = went.exception()
+        if isinstance(error, Lost) and error.why == "stopped":
+            state.leave(name)
+            continue
         if isinstance(error, Lost):
             record, seconds = failed(trials[name], why_lost(error, limits[name])), None
         elif error is not None:
@@ -396,6 +403,13 @@ class _State:
         for name in list(names):
             del self.went[name]
         self.before = len(self.went)
+
+    def leave(self, name: str) -> None:
+        """A trial is not of this run any more."""
+        with self.turn:
+            self.todo = [trial for trial in self.todo if trial.name != name]
+            self.doing = {worker: does for worker, does in self.doing.items() if does[0] != name}
+            self._tell()
 
     def forget_workers(self) -> None:
         """Others come."""

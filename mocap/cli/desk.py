@@ -28,18 +28,26 @@ def desk(
 
     Example: mocap desk data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml
     """
-    from mocap.side_by_side import context_of
+    from mocap.desk.shell import shell
+    from mocap.web.server import Behind, forwarded, served
 
-    context_of("mocap.batches.find")  # it imports while this process does
-    from mocap.batches.run import checked_model
-    from mocap.batches.trial import Options
-    from mocap.desk.desk import opened_desk
-    from mocap.desk.page import desk_page
-    from mocap.web.server import forwarded, served
+    behind = Behind(shell())
+    with served(behind, port=port) as page, forwarded(page.address) as link:
+        say(
+            f"The desk is at {page.address} (Ctrl-C here ends it; each correction is kept in {out} at once)",
+            "Who has this address can see the recordings and change the corrections: keep it to yourself.",
+        )
+        webbrowser.open(link)
+        from mocap.side_by_side import context_of
 
-    options = Options(model=checked_model(tracking.model), validate=tracking.validate, seed=tracking.seed)
-    with (
-        opened_desk(
+        context_of("mocap.batches.find")  # it imports while this process does
+        from mocap.batches.run import checked_model
+        from mocap.batches.trial import Options
+        from mocap.desk.desk import opened_desk
+        from mocap.desk.page import desk_page
+
+        options = Options(model=checked_model(tracking.model), validate=tracking.validate, seed=tracking.seed)
+        with opened_desk(
             sources or ["."],
             out,
             options=options,
@@ -47,18 +55,11 @@ def desk(
             limit_s=limit_s,
             arguments=recording_options.arguments(),
             behind=True,
-        ) as opened,
-        served(desk_page(opened), port=port) as page,
-        forwarded(page.address) as link,
-    ):
-        say(
-            f"The desk is at {page.address} (Ctrl-C here ends it; each correction is kept in {out} at once)",
-            "Who has this address can see the recordings and change the corrections: keep it to yourself.",
-        )
-        webbrowser.open(link)
-        looked = opened.looked
-        looked.add_done_callback(lambda done: page.end("there is nothing to open") if done.exception() else None)
-        why = page.wait(idle_s=seconds(until_idle), works=lambda: bool(opened.progress()["running"]))
-        if looked.done() and not opened.trials:
-            looked.result()  # why there are none
-        say(f"The desk ended ({why}); what was corrected and tracked is in {out}")
+        ) as opened:
+            behind.becomes(desk_page(opened))
+            looked = opened.looked
+            looked.add_done_callback(lambda done: page.end("there is nothing to open") if done.exception() else None)
+            why = page.wait(idle_s=seconds(until_idle), works=lambda: bool(opened.progress()["running"]))
+            if looked.done() and not opened.trials:
+                looked.result()  # why there are none
+    say(f"The desk ended ({why}); what was corrected and tracked is in {out}")

@@ -42,7 +42,7 @@ async function plot() {
   const all = shownQuantities.map(n => ({ ...info.quantities.find(q => q.name === n), ...curves[n] })), was = $("cycle").value;
   const of = [...new Set(all.flatMap(c => Object.keys(c.cycles)))];
   $("cycle").replaceChildren(make("option", "no cycles", { value: "" }), ...of.map(n => make("option", n, { value: n })));
-  $("cycle").value = of.includes(was) ? was : of[0] || ""; $("cycle").disabled = !of.length;
+  $("cycle").value = of.includes(was) ? was : of[0] || ""; $("cycle").disabled = !of.length; doubtable(all[0]);
   charts.forEach(c => c.destroy()); charts = [];
   if (!all.length) { $("charts").replaceChildren(make("p", "Tick a quantity on the left.")); return; }
   $("charts").replaceChildren();
@@ -98,9 +98,22 @@ function beats(u) {
     const left = Math.max(a, box.left), right = Math.min(b, box.left + box.width);
     if (right <= left) return;
     if (i % 2) { g.globalAlpha = 0.12; g.fillRect(left, box.top, right - left, box.height); g.globalAlpha = 1; }
-    if (right - left > 16 * devicePixelRatio) g.fillText(i + 1, (left + right) / 2, box.top + 3);
+    const doubtful = (c.doubtful[$("cycle").value] || {})[i];
+    if (doubtful) { g.globalAlpha = 0.15; g.fillStyle = color("--bad"); g.fillRect(left, box.top, right - left, box.height); g.fillStyle = color("--quiet"); g.globalAlpha = 1; }
+    if (right - left > 16 * devicePixelRatio) g.fillText(i + 1 + (doubtful ? "?" : ""), (left + right) / 2, box.top + 3);
   });
   g.restore();
+}
+// to the next beat after this frame that is not counted, and why it is not
+function doubt() {
+  const c = curves[shownQuantities[0]], of = $("cycle").value, all = c && c.doubtful[of];
+  if (!all || !Object.keys(all).length) return;
+  const starts = Object.keys(all).map(i => [...c.cycles[of][i], all[i], Number(i)]), here = timeOf(c);
+  const [a, b, why, i] = starts.find(([from]) => from > here + 1e-9) || starts[0];
+  extent = [a - (b - a), b + (b - a)];
+  queued(async () => { await plot(); });
+  toTime(a + 1e-6);
+  queued(() => { $("said").textContent = `beat ${i + 1} is doubtful: ${why}`; count("doubted"); });
 }
 // the frame that images and scene show
 const timeOf = c => { const i = c.frames.findIndex(f => f >= frame); return c.seconds[i < 0 ? c.seconds.length - 1 : i]; };
@@ -140,7 +153,12 @@ function place3() {
   g.beginPath(); g.arc(...at(to), 7, 0, 7); g.fill();
 }
 $("quantity").oninput = $("accelerations").onchange = choices;
-$("cycle").onchange = () => charts.forEach(c => c.redraw());
+function doubtable(c) {
+  const n = c ? Object.keys(c.doubtful[$("cycle").value] || {}).length : 0;
+  $("doubt").disabled = !n; $("doubt").textContent = n ? `Next doubtful beat (d), of ${n}` : "No doubtful beat";
+}
+$("cycle").onchange = () => { doubtable(curves[shownQuantities[0]]); charts.forEach(c => c.redraw()); };
+$("doubt").onclick = doubt;
 $("joint").onchange = e => queued(() => potential(e.target.value));
 $("all").onclick = () => { extent = null; queued(plot); };
 $("images").onclick = () => room("proof");

@@ -98,6 +98,7 @@ class Desk:
     _facts: dict[str, TrialFacts] = field(default_factory=dict)
     _changes: Counter[str] = field(default_factory=Counter)
     _running: Worker | None = None
+    _stopped: TemporaryDirectory | None = None
     _heard: dict[str, Any] = field(default_factory=dict)
     _turn: Lock = field(default_factory=Lock)
 
@@ -295,6 +296,8 @@ class Desk:
         how = {"jobs": self.jobs, "model": self.options.model, "validate": self.options.validate}
         how |= {"limit_s": self.limit_s}
         self._heard = {"said": "starting"}
+        self._stopped = TemporaryDirectory(prefix="mocap-")  # a file for each trial that is stopped
+        how |= {"stopped": partial(_is_there, Path(self._stopped.name))}
         self._running = Worker.started(get_context("spawn"), daemon=False)  # it starts others
         self._running.send("track", partial(_track, self.manifest, self.out, how), hears=True)
         return "tracking; it can be stopped, and goes on where it was"
@@ -314,7 +317,20 @@ class Desk:
                 self._heard["said"] = str(what) if kind != "died" else "the process that tracks has ended by itself"
                 self._running = None
         if self._running is None:
-            worker.end(now=True)
+            self._end(worker)
+
+    def _end(self, worker: Worker) -> None:
+        worker.end(now=True)
+        self._running = None
+        if self._stopped is not None:
+            self._stopped.cleanup()
+
+    def stop_one(self, name: str) -> str:
+        """Stop tracking a trial, or take it out of those that wait; the others go on."""
+        if self._running is None or self._stopped is None:
+            return "nothing is being tracked"
+        (Path(self._stopped.name) / self.trial(name).name).touch()
+        return f"{name} is stopped, the others go on"
 
     def stop(self) -> str:
         """Stop tracking; trials that have ended are kept, and ``track`` goes on."""
@@ -328,8 +344,7 @@ class Desk:
                 while self._running is not None and (left_s := end_s - monotonic()) > 0 and wait([worker.pipe], left_s):
                     self._hear(worker)
             if self._running is not None:
-                worker.end(now=True)
-                self._running = None
+                self._end(worker)
         return "stopped; trials that have ended are kept"
 
     def open(self, name: str) -> dict[str, Any]:
@@ -514,6 +529,10 @@ def _plain(value: Any) -> str:
 def _duration(seconds: float) -> str:
     """As people say it."""
     return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+
+
+def _is_there(folder: Path, name: str) -> bool:
+    return (folder / name).exists()
 
 
 def _track(manifest: Path, out: Path, how: dict[str, Any], *, progress: Hear) -> str:

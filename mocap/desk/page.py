@@ -1,11 +1,8 @@
 """The page of the desk: each request has a schema, and is one call of the desk."""
 
 import json
-from base64 import b64encode
 from collections.abc import Callable, Mapping
-from hashlib import sha256
 from http import HTTPStatus
-from importlib.resources import files
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import cv2
@@ -16,12 +13,9 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from mocap.desk.desk import MEND, PASSED, Desk
+from mocap.desk.shell import shell
 from mocap.web.tasks import Elsewhere, Nothing, Query, below, changes, limits_of, page, reads, task
 
-_POLICY = (
-    "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
-    "base-uri 'none'; form-action 'none'; script-src 'sha256-{}'"
-)
 _VIEWER_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'self'"
 
 _Text = Annotated[str, Field(max_length=500)]
@@ -90,6 +84,10 @@ class _Passed(_WritesTrial):
     kind: Literal[*PASSED]  # pyright: ignore[reportInvalidTypeForm]
 
 
+class _Stopped(Query):
+    trial: _Text = ""
+
+
 class _Named(_Of):
     name: _Text
 
@@ -119,6 +117,7 @@ class _Click(_Writes):
     frame: _Frame
     marker: _Marker
     uv_px: tuple[float, float] | None
+    snap: bool = False
 
     @model_validator(mode="after")
     def _in_the_picture(self, info: ValidationInfo) -> Self:
@@ -196,12 +195,13 @@ def desk_page(desk: Desk) -> Starlette:
         opened(_Trial(trial=""))
     return page(
         [
-            _shell(),
+            shell(),
             reads("/overview", Nothing, lambda _: desk.overview()),
             reads("/audit", _Trial, lambda given: desk.audit(given.trial)),
             reads("/open", _Trial, opened),
             reads("/progress", Nothing, lambda _: desk.progress()),
             reads("/frame", _Shown, lambda at: desk.opened().frame(at.frame, at.marker)),
+            reads("/around", _Shown, lambda at: desk.tracked().around(at.frame, at.marker)),
             reads("/places", _Of, places),
             reads("/curve", _Named, lambda given: desk.tracked().curve(given.name)),
             reads("/way", _Named, lambda given: desk.tracked().way(given.name)),
@@ -222,7 +222,7 @@ def desk_page(desk: Desk) -> Starlette:
             writes("/skeleton", _Drawn, lambda given: desk.keep_skeleton(**_own(given))),
             writes("/state", _Answer, lambda given: desk.state(given.trial or "", given.name, given.value)),
             writes("/track", _WritesTrial, lambda _: desk.track()),
-            changes("/stop", Nothing, lambda _: desk.stop()),
+            changes("/stop", _Stopped, lambda given: desk.stop_one(given.trial) if given.trial else desk.stop()),
             writes("/find", _Writes, lambda _: desk.session().run()),
             writes("/place", _Click, lambda at: desk.opened().place(**_own(at))),
             writes("/exchange", _Exchange, lambda at: desk.opened().exchange(**_own(at))),
@@ -238,22 +238,6 @@ def desk_page(desk: Desk) -> Starlette:
 def _own(given: _Writes) -> dict[str, Any]:
     """What a request says but of what the page has seen."""
     return {name: value for name, value in given if name not in ("trial", "edits")}
-
-
-SCRIPTS = ("uPlot.iife.min.js", "views.js", "trials.js", "angles.js")
-"""In this order before the page's own; the first is uPlot 1.6.32 (MIT), as its authors publish it."""
-SHEETS = ("uPlot.min.css", "desk.css")
-
-
-def _shell() -> Route:
-    """The page itself with all of its style and its one script, which alone runs: nothing is loaded from elsewhere."""
-    room = files("mocap.desk")
-    html = room.joinpath("desk.html").read_bytes()
-    for mark, names in ((b"<style>", SHEETS), (b"<script>", SCRIPTS)):
-        html = html.replace(mark, mark + b"\n".join(room.joinpath(name).read_bytes() for name in names), 1)
-    script = html.partition(b"<script>")[2].partition(b"</script>")[0]
-    headers = {"Content-Security-Policy": _POLICY.format(b64encode(sha256(script).digest()).decode())}
-    return Route("/", lambda _: Response(html, media_type="text/html", headers=headers))
 
 
 def _png(picture: Any) -> Response:

@@ -6,14 +6,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import flipped
+from mocap.digitising.dots import dot_at
 from mocap.digitising.naming import seen_from
 from mocap.digitising.videos import Videos, open_videos
 from mocap.errors import MocapError
-from mocap.io.movies import FILMS
+from mocap.io.movies import FILMS, FIRST_PIXEL
 from mocap.reading.decided import decided
 from mocap.recording import Recording
 
@@ -170,3 +172,38 @@ def drawn(marks: Mapping[str, Array], lines: Sequence[Any]) -> list[dict[str, An
         for c in range(len(lines))
     ]
     return [{"markers": own, "lines": line} for own, line in zip(each, lines, strict=True)]
+
+
+def moving_box(images: Sequence[Any]) -> list[float] | None:
+    """Left, top, right and bottom of what an image shows elsewhere than two others of its camera do, in their pixels.
+
+    It is what differs from the median of the three by more than six standard deviations of what differs in most of
+    the image, but for 2 % of it at each edge, with a margin of a quarter on each side.
+
+    Args:
+        images: Three images; the first is the one that is shown.
+
+    Returns:
+        None: nothing moves there, or most of it does.
+    """
+    if len(images) < 3 or any(image is None or image.shape != images[0].shape for image in images):
+        return None
+    levels = [cv2.blur(image.astype(np.float32), (5, 5)) for image in images]
+    apart = np.abs(levels[0] - np.median(levels, axis=0))
+    usual = max(1.4826 * float(np.median(np.abs(levels[1] - levels[2]))), 0.5)
+    rows, columns = np.nonzero(apart > 6 * usual)
+    if not 8 <= len(rows) <= apart.size / 2:
+        return None
+    low, high = np.quantile(np.c_[columns, rows], (0.02, 0.98), axis=0)
+    low, high = low - 0.25 * (high - low) - 5, high + 0.25 * (high - low) + 5
+    edge = np.array(apart.shape[::-1], dtype=float)
+    return [*np.clip(low, 0, edge).round(1).tolist(), *np.clip(high, 0, edge).round(1).tolist()]
+
+
+def snapped(image: Any, uv_px: tuple[float, float]) -> tuple[float, float]:
+    """A click (the centre of the first pixel is at (1, 1)) where the image shows a dot beside it, else as it is."""
+    found = dot_at(image, np.array(uv_px) - FIRST_PIXEL)
+    if found is None:
+        return uv_px
+    u, v = (found + FIRST_PIXEL).round(3).tolist()
+    return u, v

@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from eal.arrays import Array, true_runs
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
 from mocap.cleaning.by_hand import errors_left, with_hand
 from mocap.cleaning.cleaning import clean
-from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of
+from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of, snapped
 from mocap.errors import MocapError
-from mocap.kinematics.records import Rests
+from mocap.kinematics.records import DOUBTFUL, Rests
 from mocap.reading.decided import decided
 from mocap.reading.edits import Edit, Log, Samples, append_edit, edited, read_log, samples_of, standing
 from mocap.reading.ideal_pixels import of_one_camera, straightened
@@ -230,8 +231,13 @@ class Proof(Pictures):
         """What is to be looked at next, by how much a correction would settle."""
         return places(self.tracks, self._measured, self.recording.edited)
 
-    def place(self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None) -> str:
-        """A marker is at a place of an image, or not to be seen there (None)."""
+    def place(
+        self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None, *, snap: bool = False
+    ) -> str:
+        """A marker is at a place of an image, or not to be seen there (None); with ``snap`` at the dot beside it."""
+        image = self.picture(camera, frame) if snap and uv_px is not None else None
+        if uv_px is not None and image is not None:
+            uv_px = snapped(image, uv_px)
         what = {"what": "unseen"} if uv_px is None else {"what": "place", "uv_px": uv_px}
         at = {"camera": self.raw.camera_names[camera], "marker": self.raw.names[marker]}
         return self.edit(**what, **at, frame=frame + 1)
@@ -374,7 +380,7 @@ class Proof(Pictures):
     def curve(self, name: str, points: int = 2000) -> dict[str, Any]:
         """A quantity over time with its 95 % interval, of a long recording at so many frames, and the cycles.
 
-        Cycles are from when to when (s), by what they are of.
+        Cycles are from when to when (s), by what they are of; of doubtful ones, by their number from 0, why they are.
 
         Raises:
             MocapError: there is none of that name.
@@ -386,9 +392,14 @@ class Proof(Pictures):
             return [None if np.isnan(x) else round(float(x), 5) for x in values[frames]]
 
         cycles: dict[str, list[list[float]]] = {}
-        table = self.result.cycles
-        for kind, of, start_s, end_s in zip(*(table[name] for name in ("kind", "of", "start_s", "end_s")), strict=True):
-            cycles.setdefault(f"{words(of)}, {kind}".replace("_", " "), []).append([float(start_s), float(end_s)])
+        doubtful: dict[str, dict[int, str]] = {}
+        columns = ("kind", "of", "start_s", "end_s", "status", "reason")
+        for kind, of, start_s, end_s, status, why in zip(*(self.result.cycles[c] for c in columns), strict=True):
+            title = f"{words(of)}, {kind}".replace("_", " ")
+            those = cycles.setdefault(title, [])
+            if status == DOUBTFUL:
+                doubtful.setdefault(title, {})[len(those)] = str(why)
+            those.append([float(start_s), float(end_s)])
         return {
             "frames": frames.tolist(),
             "seconds": numbers(self.raw.t_s),
@@ -397,7 +408,30 @@ class Proof(Pictures):
             "low": numbers(found.low),
             "high": numbers(found.high),
             "cycles": cycles,
+            "doubtful": doubtful,
         }
+
+    def around(self, frame: int, marker: int) -> dict[str, Any]:
+        """A marker about a frame, in millimetres by coordinate: as it was tracked, and with the corrections since.
+
+        And a cubic spline through what was measured on both sides of the frame, over the run of frames that were not,
+        as a person would fill it by hand; that of a measured frame leaves the frame out.
+        """
+        n = len(self.raw.t_s)
+        rows = np.arange(max(0, frame - AROUND), min(n, frame + AROUND + 1))
+        measured = self.tracks.status[rows, marker] == Status.MEASURED
+        measured[rows == frame] = False
+        earlier, later = rows[measured & (rows < frame)], rows[measured & (rows > frame)]
+        now, spline = self.tracks.xyz_m[rows, marker], np.full((len(rows), 3), np.nan)
+        if min(len(earlier), len(later)) >= 2:
+            inside = (rows >= earlier[-1]) & (rows <= later[0])
+            spline[inside] = CubicSpline(self.raw.t_s[rows[measured]], now[measured])(self.raw.t_s[rows[inside]])
+
+        def each(xyz_m: Array) -> list[list[float | None]]:
+            return [[None if np.isnan(x) else round(1e3 * float(x), 3) for x in one] for one in xyz_m.T]
+
+        before = self.result.tracks.xyz_m[rows, marker]
+        return {"frames": rows.tolist(), "before": each(before), "after": each(now), "spline": each(spline)}
 
     def potential(self, joint: str) -> bytes:
         """The map of a joint's potential, as a square PNG.

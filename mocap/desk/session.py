@@ -1,7 +1,7 @@
 """Videos in which a person clicks and the program finds and names the rest; a click is stored before its answer."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.desk.pictures import drawn, ellipses, epipolar_lines, listed
+from mocap.desk.pictures import drawn, ellipses, epipolar_lines, listed, moving_box, snapped
 from mocap.desk.proof import Place
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
@@ -23,6 +23,7 @@ SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
 UNSEEN = "saved_not_seen.csv"
 """Where markers are not to be seen, beside it."""
+WHAT_TO_DO = "click each marker in two cameras of a frame, then find and name the rest (Enter)"
 
 
 @dataclass(eq=False, kw_only=True)
@@ -65,6 +66,8 @@ class Session:
 
     def info(self) -> dict[str, Any]:
         """What does not change."""
+        first, n = self.clicks[0].frame if self.clicks else 0, self.videos.n_frames
+        others = [(first + n // 3) % n, (first + 2 * n // 3) % n]
         return {
             "trial": self.name,
             "names": list(self.skeleton.markers),
@@ -72,7 +75,8 @@ class Session:
             "sizes": [list(movie.size_px) for movie in self.videos.movies],
             "films": True,
             "n_frames": self.videos.n_frames,
-            "frame": self.clicks[0].frame if self.clicks else 0,
+            "frame": first,
+            "moves": [moving_box([self.picture(c, at) for at in (first, *others)]) for c in range(len(self.cameras))],
             "digitise": True,
             "commands": {"proof": self.command},
         }
@@ -107,9 +111,12 @@ class Session:
             self.pending.append(lambda: found.click(clicks, within=within))
         return said
 
-    def place(self, **where: Any) -> str:
-        """One click."""
-        return self.click(Click(**where))
+    def place(self, *, snap: bool = False, **where: Any) -> str:
+        """One click, on request where the image shows a dot beside it."""
+        click = Click(**where)
+        if not snap or click.uv_px is None or (image := self.picture(click.camera, click.frame)) is None:
+            return self.click(click)
+        return self.click(replace(click, uv_px=snapped(image, click.uv_px)))
 
     def exchange(self, marker: int, other: int, first: int, last: int) -> str:
         """Exchange the names of two markers in a range of frames."""
@@ -140,7 +147,7 @@ class Session:
 
     def settle(self) -> str:
         """Name again what the clicks change that were made or taken back since this was called last."""
-        message = "nothing to solve"
+        message = "nothing to name again" if self.found else WHAT_TO_DO
         while self.pending:
             span = self.pending.pop(0)()
             message = f"frames {span[0] + 1} to {span[1] + 1} were named again" if span else "named as before"

@@ -1,11 +1,11 @@
 // the table of trials and what is beside it; this file owns what is chosen, sorted and filtered
-let trials = [], chosen = "", order = { of: "name", down: false }, doing = {}, audited = {}, waits = 0;
+let trials = [], chosen = "", order = { of: "name", down: false }, doing = {}, running = false, audited = {}, waits = 0;
 const COLUMNS = [  // title, of a trial, width, class
   { of: "name", title: "Trial", value: t => t.name, width: 190 },
-  { of: "state", title: "State", value: t => doing[t.name] || t.status, width: 92 },
+  { of: "state", title: "State", value: t => doing[t.name] || t.status, width: 74 },
   { of: "wrong", title: "What is wrong, worst first", value: t => wrongs(t).join("\n"), weight: t => -wrongs(t).length },
-  { of: "measured_percent", title: "Measured", value: t => digits(t.measured_percent, " %", 1), width: 86, number: true },
-  { of: "rmse_mm", title: "Gap error", value: t => digits(t.rmse_mm, " mm", 2), width: 86, number: true },
+  { of: "measured_percent", title: "Measured", value: t => digits(t.measured_percent, " %", 1), width: 88, number: true },
+  { of: "rmse_mm", title: "Gap error", value: t => digits(t.rmse_mm, " mm", 2), width: 80, number: true },
   { of: "fps", title: "Rate", value: t => digits(t.fps, " Hz", 0), width: 70, number: true, slim: true },
   { of: "mirrored", title: "Mirrored", value: t => t.mirrored || "", width: 76, slim: true },
   { of: "edits", title: "Corr.", value: t => t.edits || "", width: 56, number: true, slim: true },
@@ -26,12 +26,13 @@ async function overview() {
   if (all.looking) {
     $("progress").textContent = `looking through the folders for trials ... ${waits++} s`;
     setTimeout(() => queued(overview), 1000);
-  } else if (waits) { waits = 0; $("progress").textContent = ""; }
+  } else if (waits || !$("rows").dataset.known) { waits = 0; $("progress").textContent = ""; }
+  $("rows").dataset.known = "1";
   return all;
 }
 // the rows that the filter leaves, in order
 function shownTrials() {
-  const column = COLUMNS.find(c => c.of === order.of), sign = order.down ? -1 : 1, text = $("filter").value.toLowerCase();
+  const column = COLUMNS.find(c => c.of === order.of), sign = order.down ? -1 : 1, text = $("filter").value.toLowerCase().replace(/(\d),(?=\d)/g, "$1.");
   const left = trials.filter(t => COLUMNS.some(c => String(c.value(t)).toLowerCase().includes(text)));
   const compare = (a, b) => {
     const [x, y] = [weight(column, a), weight(column, b)], none = v => v === "" || v === null || v === undefined;
@@ -60,7 +61,7 @@ function table() {
         const pick = make("button", shortened(text), { className: "name" });
         pick.setAttribute("aria-current", t.name === chosen ? "true" : "false");
         cell.append(pick);
-      } else if (c.of === "wrong") { const [first, ...more] = wrongs(t); cell.textContent = first ? first + (more.length ? ` (+${more.length})` : "") : ""; }
+      } else if (c.of === "wrong") { const [first, ...more] = wrongs(t); cell.classList.add("wrong"); if (first) cell.append(make("span", (more.length ? `${more.length + 1}: ` : "") + first)); }
       else cell.textContent = text;
       if (c.of === "state") cell.classList.add(t.status);
       return cell;
@@ -87,6 +88,8 @@ function details() {
   const proof = make("button", "Proof-read", { className: "read", onclick: () => queued(() => read(t)), disabled: !["done", "changed"].includes(t.status) });
   const skip = make("button", t.status === "skipped" ? "Take in" : "Leave out", { className: "skip", onclick: () => queued(async () => {
     await post("state", t.name, { name: "skip", value: t.status === "skipped" ? "" : "left out by hand" }); await overview(); }) });
+  const stops = make("button", "Stop this one", { className: "stop-one", hidden: !running || !(t.name in doing || ["new", "changed"].includes(t.status)),
+    onclick: () => queued(async () => { $("said").textContent = (await halt(t.name)).said; }) });
   const kinds = make("select", "", { className: "kinds" });
   kinds.setAttribute("aria-label", "what the result is passed on as");
   for (const [kind, [said]] of Object.entries(t.passes)) kinds.append(make("option", said, { value: kind }));
@@ -94,7 +97,7 @@ function details() {
   const pass = make("button", "Pass on as", { className: "pass", disabled: t.status !== "done", onclick: () => queued(async () => {
     same("trials", t.passes[kinds.value][1]); $("said").textContent = "writing ...";
     await post("pass", t.name, { kind: kinds.value }); count("passed"); }) });
-  $("actions").replaceChildren(look, bones, proof, skip, pass, kinds);
+  $("actions").replaceChildren(look, bones, proof, stops, skip, pass, kinds);
   const found = audited[t.name];
   $("findings").replaceChildren(...found ? found.map(f => finding(t, f)) : wrongs(t).map(text => make("p", text)));
   if (!found && !wrongs(t).length) $("findings").append(make("p", t.status === "new" ? "Not tracked yet." : "Nothing is wrong.", { className: "quiet" }));
@@ -119,6 +122,8 @@ async function audit(t) {
 async function read(t) {
   try { await open(t.name); } catch (said) { if (!document.body.dataset.ended) { await audit(t); } throw said; }
 }
+// end what is being tracked, or one trial of it
+const halt = trial => get("stop", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(trial ? { trial } : {}) });
 async function track() { await post("track", "", {}); follow(); }
 function follow() {
   $("stop").disabled = false; $("track").disabled = true;
@@ -126,6 +131,7 @@ function follow() {
     const p = await get("progress"), before = $("done").dataset.n;
     $("progress").textContent = p.said || ""; $("done").value = p.total ? p.done / p.total : 0; $("done").dataset.n = p.done || 0;
     doing = p.running ? p.doing || {} : {};
+    if (running !== Boolean(p.running)) { running = Boolean(p.running); details(); }
     if (p.running) { if (before !== $("done").dataset.n) await overview(); else table(); setTimeout(follow, 500); return; }
     $("stop").disabled = true; $("track").disabled = false; audited = {};
     await overview(); count("tracked");

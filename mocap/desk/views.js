@@ -10,7 +10,8 @@ async function get(path, how) {
   let r;
   try { r = await fetch(path, how); } catch {
     document.body.dataset.ended = "1";
-    throw `The program has ended. All that it had said to be kept is in ${work}: start it again, and it goes on there.`;
+    throw work ? `The program has ended. All that it had said to be kept is in ${work}: start it again, and it goes on there.`
+      : "The program has ended: its terminal says why.";
   }
   const answer = await r.json();
   if (answer.reload) $("reload").hidden = false;
@@ -29,6 +30,13 @@ async function post(path, trial, data) {
 function queued(work) { busy = busy.then(work).catch(e => { $("said").textContent = String(e); }); return busy; }
 function make(kind, text, more) { return Object.assign(document.createElement(kind), { textContent: text }, more); }
 
+// a frame's number as people write it, also 1.200, 1,200, 1 200, 12,0 and 12.0
+function whole(text) {
+  const plain = text.trim().replace(/[.,\s\u00a0\u202f'’](?=\d{3}(\D|$))/g, "").replace(",", ".");
+  const n = plain === "" ? NaN : Number(plain);
+  if (!Number.isInteger(n)) throw `"${text}" is not the number of a frame`;
+  return n;
+}
 // a number to two digits, as people write it: 130, 13, 1.3
 const twoDigits = x => String(Number(x.toPrecision(2)));
 // whose pictures and numbers a page asks for

@@ -152,3 +152,27 @@ def look_of(pictures: Sequence[Grey], clicks: Sequence[Array], *, reach_px: floa
             if usual > 0 and (best is None or usual > 1.1 * best[0]):
                 best = usual, DotLook(radius_px=radius, bright=bright, least=0.25 * usual)
     return None if best is None or best[0] < 4.0 else best[1]
+
+
+def dot_at(grey: Grey, place: Array, *, reach_px: float = 3.0) -> Array | None:
+    """(2,) the dot that a click means: the strongest near it that stands out of what is about it.
+
+    Args:
+        grey: (h, w) grey levels.
+        place: (2,) column and row, counted from 0.
+        reach_px: So far from the click it may be.
+
+    Returns:
+        Its column and row; None: nothing stands out there.
+    """
+    look = look_of([grey], [place[None]], reach_px=reach_px)
+    if look is None:
+        return None
+    left, top = (max(0, round(x) - 40) for x in place)
+    part = grey[top : top + 81, left : left + 81]
+    found = find_dots(part, look, corner=(left, top))
+    levels = response(part, look.radius_px, bright=look.bright)
+    usual = 1.4826 * float(np.median(np.abs(levels)))  # the standard deviation of a normal noise
+    # of 25 places of pure noise one exceeds six of them once in 40 million
+    near = found[(np.linalg.norm(found[:, :2] - place, axis=1) <= reach_px) & (found[:, 2] > 6 * usual)]
+    return None if not len(near) else near[0, :2]

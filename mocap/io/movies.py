@@ -145,11 +145,16 @@ def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
 
 
 def listed(given: Sequence[Path]) -> list[Path]:
-    """Movies, or those of one folder that holds just these, sorted by their names, numbers by their value."""
+    """Movies, or those of one folder among other files, sorted by their names, numbers by their value."""
     if len(given) == 1 and given[0].is_dir():
         inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
-        given = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES] or given
+        films = [p for p in inside if p.suffix.lower() in FILMS]
+        given = films or [p for p in inside if p.is_dir() and _has_pictures(p)] or given
     return list(given)
+
+
+def _has_pictures(folder: Path) -> bool:
+    return any(path.suffix.lower() in PICTURES for path in folder.iterdir())
 
 
 def by_number(path: Path) -> list[tuple[int, int | str]]:

@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 
 import uvicorn
 from starlette.responses import JSONResponse
+from starlette.routing import Match, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -154,6 +156,29 @@ class _Button:
             self.pressed()
         else:
             await self.app(scope, receive, send)
+
+
+class Behind:
+    """A page that is there before what answers it: of what takes long to import, or to open.
+
+    Until ``becomes``, the application ``first`` answers what it has a route for, and everything else waits.
+    """
+
+    def __init__(self, first: Route) -> None:
+        """With what is shown at once."""
+        self._first = first
+        self._app: Future[ASGIApp] = Future()
+
+    def becomes(self, app: ASGIApp) -> None:
+        """From now on this one answers, also what was asked for before."""
+        self._app.set_result(app)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or wait."""
+        if not self._app.done() and self._first.matches(scope)[0] is Match.FULL:
+            await self._first.handle(scope, receive, send)
+        else:
+            await (await asyncio.wrap_future(self._app))(scope, receive, send)
 
 
 @contextmanager

@@ -141,6 +141,19 @@ def test_what_a_call_does_to_its_process_is_told_of_it_alone(tmp_path, way, why,
     assert told.count(("bad", "begun")) == times
 
 
+def test_calls_that_are_stopped_end_alone(tmp_path):
+    """One that is being made and one that waits: neither is made again, and the others are made."""
+    told = []
+    calls = {"bad": partial(misbehaves, "hangs", tmp_path / "counter"), "waits": partial(square, 1)}
+    calls |= {"last": partial(square, 2)}
+    with opened(1) as pool:
+        found = dict(pool.each(calls, hear=lambda *said: told.append(said[1:]),
+                               stopped=lambda name: bool(told) and name in ("bad", "waits")))  # fmt: skip
+    assert [found[name].exception().why for name in ("bad", "waits")] == ["stopped", "stopped"]
+    assert found["last"].result()[0] == 4
+    assert (tmp_path / "counter").read_text() == "x"
+
+
 @pytest.mark.parametrize(("way", "text"), [("exits", "SystemExit: 3"), ("raises what cannot be read", "Unreadable: 3")])
 def test_a_call_ends_no_process(tmp_path, way, text):
     """Not by an exit, and not by an error that cannot be sent as it is."""

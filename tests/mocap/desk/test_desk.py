@@ -421,8 +421,23 @@ def test_a_person_sees_angles_and_goes_to_a_frame(worked, driver):
     until(driver, "document.body.dataset.pointed === '1'")
     low, high = driver.execute_script("return [charts[0].scales.x.min, charts[0].scales.x.max]")
     assert abs(driver.execute_script("return frame") - FPS * (low + high) / 2) <= 2
+    driver.execute_script("""const c = curves[shownQuantities[0]], t = c.seconds;
+        c.cycles = { wing: [[t[1], t[3]], [t[3], t[5]], [t[5], t[7]]] }; c.doubtful = { wing: { 1: "not seen" } };
+        queued(async () => { await plot(); count("given"); });""")
+    until(driver, "document.body.dataset.given === '1'")
+    driver.find_element("id", "plots").send_keys("d")
+    until(driver, "document.body.dataset.doubted === '1'")
+    assert driver.execute_script("return $('said').textContent") == "beat 2 is doubtful: not seen"
+    assert driver.execute_script("return [frame, curves[shownQuantities[0]].frames[3]]") == [3, 3]
     driver.find_element("id", "images").click()
     until(driver, "document.body.dataset.room === 'proof'")
+    driver.find_element("tag name", "body").send_keys("c")
+    until(driver, "document.body.dataset.traced === `${frame} ${marker}`")
+    assert len(driver.find_elements("css selector", "#trace canvas")) == 3
+    driver.find_element("tag name", "body").send_keys(Keys.ARROW_RIGHT)
+    until(driver, "document.body.dataset.traced === `4 ${marker}`")
+    driver.find_element("tag name", "body").send_keys("c")
+    until(driver, "!$('trace').clientHeight")
 
 
 def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):
@@ -457,8 +472,12 @@ def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):
     assert kept.distances == {"span": ("right", "hand")}
 
 
-def test_tracking_stops_and_goes_on(scene, tmp_path, monkeypatch):
-    """Two trials one after the other: stopped at the second, which is tracked when told to go on, the first is not."""
+@pytest.mark.parametrize("alone", [False, True])
+def test_tracking_stops_and_goes_on(scene, tmp_path, monkeypatch, alone):
+    """Two trials one after the other: all, or the second alone, stopped at the second.
+
+    That is tracked when told to go on, the first is not.
+    """
     where = scene.folder
     for name in "ab":
         shutil.copy(where / "flight_xypts.csv", tmp_path / f"{name}_xypts.csv")
@@ -472,7 +491,14 @@ def test_tracking_stops_and_goes_on(scene, tmp_path, monkeypatch):
         while desk.progress().get("done") != 1:
             assert desk.progress()["running"]
             time.sleep(0.05)
-        assert desk.stop().startswith("stopped")
+        if alone:
+            (held,) = (row["name"] for row in desk.overview()["trials"] if row["status"] == "new")
+            assert desk.stop_one(held) == f"{held} is stopped, the others go on"
+            while (told := desk.progress())["running"]:
+                time.sleep(0.05)
+            assert (told["done"], told["total"]) == (1, 1)  # of those that were not stopped
+        else:
+            assert desk.stop().startswith("stopped")
         assert not desk.progress()["running"]
         assert sorted(row["status"] for row in desk.overview()["trials"]) == ["done", "new"]
         first = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/trial.json")}

@@ -138,12 +138,45 @@ def test_a_curve_has_the_cycles_in_its_frames(tmp_path):
     proof.result.kinematics = {
         "q": SimpleNamespace(value=value, low=value - 1, high=value + 1, unit="deg", rests=rests)
     }
-    rows = [("wing_beat", "a", 0.1, 0.3), ("wing_beat", "a", 0.3, 0.5), ("stride", "b", 0.0, 0.2)]
-    proof.result.cycles = pd.DataFrame(rows, columns=["kind", "of", "start_s", "end_s"])
+    rows = [
+        ("wing_beat", "a", 0.1, 0.3, "counted", ""),
+        ("wing_beat", "a", 0.3, 0.5, "doubtful", "its end was not seen"),
+        ("stride", "b", 0.0, 0.2, "counted", ""),
+    ]
+    proof.result.cycles = pd.DataFrame(rows, columns=["kind", "of", "start_s", "end_s", "status", "reason"])
     curve = proof.curve("q", points=30)
     assert curve["cycles"] == {"a, wing beat": [[0.1, 0.3], [0.3, 0.5]], "b, stride": [[0.0, 0.2]]}
+    assert curve["doubtful"] == {"a, wing beat": {1: "its end was not seen"}}
     assert len(curve["frames"]) == 30
     assert curve["value"] == [None, *curve["frames"][1:]]
+
+
+def test_a_marker_is_shown_before_and_after_a_correction(tmp_path):
+    """The track as it was and as it is, and a spline that is near the truth over the gap, of a sine of 1 Hz.
+
+    Of a measured frame the spline leaves that frame out; at an end, where there is no other side, there is none.
+    """
+    proof, seen_px, xyz = proof_of(tmp_path)
+    truth = 1e3 * xyz[:, 1].T
+    found = proof.around(25, 1)
+    rows = found["frames"]
+    assert (rows[0], rows[-1]) == (max(0, 25 - AROUND), min(59, 25 + AROUND))
+    np.testing.assert_allclose(found["before"], truth[:, rows], atol=1e-3)
+    spline = np.array(found["spline"], dtype=float)
+    inside = (np.array(rows) >= 19) & (np.array(rows) <= 30)
+    assert (np.isfinite(spline) == inside).all()
+    # of a cubic spline over a gap h: 5/384 h^4 of the fourth derivative, 100 mm (2 pi / s)^4, h 0.11 s
+    assert np.nanmax(np.abs(spline - truth[:, rows])) < 5 / 384 * 0.11**4 * 100 * (2 * np.pi) ** 4 + 1e-2
+    wrong = seen_px[0, 25, 1] + (30.0, 0.0)
+    proof.edit(what="place", frame=26, marker="b", camera="cam1", uv_px=tuple(wrong))
+    proof.edit(what="place", frame=26, marker="b", camera="cam2", uv_px=tuple(seen_px[1, 25, 1]))
+    proof.settle()
+    after = proof.around(25, 1)
+    assert after["before"] == found["before"]
+    at = rows.index(25)
+    assert np.abs(np.array(after["after"])[:, at] - truth[:, 25]).max() > 0.5
+    assert np.isfinite(np.array(proof.around(10, 0)["spline"], dtype=float)).any(axis=0).sum() == 3
+    assert not np.isfinite(np.array(proof.around(0, 0)["spline"], dtype=float)).any()
 
 
 def test_two_hypotheses_are_worth_the_square_of_half_their_distance(tmp_path):

@@ -19,8 +19,10 @@ from starlette.routing import Route
 from mocap.batches.trial import Options
 from mocap.desk.desk import Desk
 from mocap.desk.page import desk_page
-from mocap.desk.session import SAVED, open_session
+from mocap.desk.pictures import moving_box
+from mocap.desk.session import SAVED, WHAT_TO_DO, open_session
 from mocap.digitising.clicks import Click, read_clicks
+from mocap.digitising.videos import open_videos
 from mocap.errors import MocapError
 from mocap.io.manifest import occupied
 from mocap.web.server import served
@@ -42,6 +44,13 @@ document.addEventListener("mousedown", e => {
   window.presses.push([e.clientX - r.left - r.width / 2, e.clientY - r.top - r.height / 2]);
 }, true);
 """
+# corners of what a camera's pane shows, in pixels as files count them
+CORNERS = """
+const v = views[arguments[0]], s = scale(v), half = [v.canvas.width / s / 2, v.canvas.height / s / 2];
+return [-1, 1].map(side => [0, 1].map(k => v.at[k] + side * half[k] + 0.5));
+"""
+MOVES = [NAMES.index(name) for name in ("nose", "hand", "left")]
+SNAP_PX = 3.0
 AIM_PX = 3.0  # of the screen: the driver rounds an aim, and cuts off parts of a pixel, more than once
 
 
@@ -72,30 +81,34 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path, driver):
         driver.get(address)
         until(driver, "document.body.dataset.ready === '1'")
         driver.execute_script(PRESSES)
+        assert driver.execute_script("return $('said').textContent") == WHAT_TO_DO
+        for camera in range(3):  # the first look is at what moves, all of it, before anything is clicked
+            corners = driver.execute_script(CORNERS, camera)
+            assert (corners[0] < scene.uv_px[camera, 0, MOVES]).all()
+            assert (corners[1] > scene.uv_px[camera, 0, MOVES]).all()
         count, aimed = 0, []
         for marker in range(len(NAMES)):
             driver.find_element("tag name", "body").send_keys("/")
             driver.switch_to.active_element.send_keys(driver.execute_script(f"return codes[{marker}]"))
             for camera in (0, 1):
                 canvas = driver.find_element("id", f"film{camera}")
-                size = canvas.size
-                scale = min(size["width"] / SIZE[0], size["height"] / SIZE[1])
-                # pixels of the screen from the middle of the canvas
-                u, v = scene.uv_px[camera, 0, marker] - 0.5 - np.array(SIZE) / 2
-                ActionChains(driver).move_to_element_with_offset(
-                    canvas, round(u * scale), round(v * scale)
-                ).click().perform()
+                zoom, at = driver.execute_script(f"const v = views[{camera}]; return [scale(v), v.at]")
+                # pixels of the screen from the middle of the canvas, the mouse 1.5 px of the image beside the dot
+                u, v = (scene.uv_px[camera, 0, marker] - 0.5 - at + (1.5, 0)) * zoom
+                ActionChains(driver).move_to_element_with_offset(canvas, round(u), round(v)).click().perform()
                 count += 1
                 aimed.append((camera, marker))
                 until(driver, f"Number(document.body.dataset.settled) === {count + 1}")
+                assert driver.execute_script("return $('said').textContent") == WHAT_TO_DO
         saved = read_clicks(tmp_path / "out" / SAVED, scene.skeleton, n_cameras=3, n_frames=12)
         assert len(saved) == 14
         presses = dict(zip(aimed, driver.execute_script("return window.presses"), strict=True))
         for click in saved:
-            arrived = np.array(presses[click.camera, click.marker]) / scale + np.array(SIZE) / 2 + 0.5
-            np.testing.assert_allclose(click.uv_px, arrived, atol=0.05)
-            off = np.subtract(click.uv_px, scene.uv_px[click.camera, 0, click.marker])
-            assert np.abs(off).max() < AIM_PX / scale
+            zoom, at = driver.execute_script(f"const v = views[{click.camera}]; return [scale(v), v.at]")
+            arrived = np.array(presses[click.camera, click.marker]) / zoom + np.array(at) + 0.5
+            truth = scene.uv_px[click.camera, 0, click.marker]
+            assert np.linalg.norm(arrived - truth) < SNAP_PX
+            assert np.linalg.norm(np.subtract(click.uv_px, truth)) < 0.3  # a careful hand misses by as much
         body = driver.find_element("tag name", "body")
         body.send_keys(Keys.ENTER)
         until(driver, "document.body.dataset.found === '1'")
@@ -106,6 +119,10 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path, driver):
         assert np.isfinite(away).mean() > 0.85
         body.send_keys(Keys.ARROW_RIGHT)
         until(driver, "document.body.dataset.frame === '1'")
+        for text, said in (("1.200", "frame 12 is the last one"), ("12,5", '"12,5" is not the number of a frame')):
+            driver.execute_script("$('frame').value = arguments[0]; $('frame').onchange({ target: $('frame') })", text)
+            until(driver, f"$('said').textContent === {json.dumps(said)}")
+            assert driver.execute_script("return frame") == 11
         body.send_keys(Keys.BACKSPACE)
         until(driver, f"document.body.dataset.settled === '{count + 2}'")
         assert len(session.clicks) == 13
@@ -129,15 +146,14 @@ def test_a_track_is_corrected_in_a_browser(scene, tmp_path, driver):
         body.send_keys(Keys.ARROW_RIGHT)
         until(driver, "document.body.dataset.frame === '1'")
         canvas = driver.find_element("id", "film0")
-        size = canvas.size
-        scale = min(size["width"] / SIZE[0], size["height"] / SIZE[1])
-        u, v = ((before[0, 1, tail] - 0.5 - np.array(SIZE) / 2) * scale).round().astype(int).tolist()
+        scale, at = driver.execute_script("return [scale(views[0]), views[0].at]")
+        u, v = ((before[0, 1, tail] - 0.5 - at) * scale).round().astype(int).tolist()
         drag = ActionChains(driver).move_to_element_with_offset(canvas, u, v).click_and_hold()
-        drag.move_by_offset(20, 12).release().perform()
+        drag.move_by_offset(40, 24).release().perform()
         until(driver, "document.body.dataset.settled === '2'")
         dragged = session.clicks[-1]
         assert (dragged.camera, dragged.frame, dragged.marker) == (0, 1, tail)
-        off = np.subtract(dragged.uv_px, before[0, 1, tail]) - np.array([20, 12]) / scale
+        off = np.subtract(dragged.uv_px, before[0, 1, tail]) - np.array([40, 24]) / scale
         assert np.abs(off).max() < AIM_PX / scale
         body.send_keys(Keys.BACKSPACE)
         until(driver, "document.body.dataset.settled === '3'")
@@ -387,3 +403,19 @@ def test_lines_pass_through_the_marker(scene, tmp_path):
         near = a + share[:, None] * along
         away = np.linalg.norm(near - scene.uv_px[camera, 0, click.marker], axis=1)
         assert away.min() < 0.2
+
+
+def test_what_moves_is_found(scene):
+    """All that changed its place is inside, still images and those of which most changes have none."""
+    videos = open_videos([scene.folder / "films"], scene.cameras)
+    for camera in range(3):
+        images = [videos.picture(camera, frame) for frame in (0, 4, 8)]
+        box = moving_box(images)
+        assert box is not None
+        uv = scene.uv_px[camera, 0, MOVES] - 1
+        assert (uv > box[:2]).all()
+        assert (uv < box[2:]).all()
+        assert (box[2] - box[0]) * (box[3] - box[1]) < 0.7 * SIZE[0] * SIZE[1]
+    assert moving_box([images[0]] * 3) is None
+    assert moving_box([images[0], images[0] // 2, images[0] // 2]) is None
+    assert moving_box([images[0], None, images[1]]) is None

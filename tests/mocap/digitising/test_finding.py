@@ -8,10 +8,10 @@ import pytest
 from mocap.datasets.rig import tunnel_cameras
 from scipy.spatial.distance import cdist
 
-from mocap.digitising.dots import DotLook, Strength, find_dots, look_of, strength_of
+from mocap.digitising.dots import DotLook, Strength, dot_at, find_dots, look_of, strength_of
 from mocap.digitising.straight import straightening_of
 from mocap.digitising.videos import grey_levels
-from mocap.io.movies import open_movie, pyav
+from mocap.io.movies import listed, open_movie, pyav
 from tests.mocap.digitising.filmed import drawn
 
 
@@ -169,3 +169,31 @@ def test_response_is_cv2_blurs():
     found = find_dots(grey, look)
     assert cv2.countNonZero(grey) == 1
     np.testing.assert_allclose(found[0, :2], [20, 20], atol=1e-6)
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0), (1.4, -1.4), (-2.0, 0.0)])
+def test_a_click_means_the_dot_beside_it(off):
+    """Of a dark or a bright dot, within its own accuracy; of noise alone, or 8 px away, none."""
+    rng = np.random.default_rng(1)
+    truth = np.array([[153.3, 92.2]])  # the centre of the first pixel is at (1, 1)
+    bright = drawn(truth, rng, 2.0)
+    for picture in (bright, 255 - bright):
+        found = dot_at(picture, truth[0] - 1 + off)
+        assert found is not None
+        assert np.linalg.norm(found + 1 - truth[0]) < 0.2
+        assert dot_at(picture, truth[0] - 1 + (8, 0)) is None
+    assert all(dot_at(drawn((), rng, 2.0), truth[0] - 1) is None for _ in range(50))
+
+
+def test_videos_are_found_among_other_files(tmp_path):
+    """Sorted by their numbers, with a calibration, a table and a folder of results beside them."""
+    for name in ("cam10.mp4", "cam2.mp4", "dltCoefs.csv", "skeleton.toml", "out/report.md"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert [path.name for path in listed([tmp_path])] == ["cam2.mp4", "cam10.mp4"]
+    for camera in ("b", "a"):
+        (tmp_path / "images" / camera).mkdir(parents=True)
+        (tmp_path / "images" / camera / "1.png").touch()
+    (tmp_path / "images" / "out").mkdir()
+    assert [path.name for path in listed([tmp_path / "images"])] == ["a", "b"]
+    assert listed([tmp_path / "images" / "a"]) == [tmp_path / "images" / "a"]

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,7 @@ from starlette.routing import Route
 
 from mocap.errors import MocapError
 from mocap.web import server
-from mocap.web.server import forwarded, served
+from mocap.web.server import Behind, forwarded, served
 from mocap.web.tasks import Query, page, task
 from tests.mocap.digitising.filmed import video
 
@@ -232,7 +233,7 @@ CHILD = """
 import os, sys
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
-from mocap.web.server import forwarded, served
+from mocap.web.server import Behind, forwarded, served
 from mocap.web.tasks import page
 with served(page([Route("/", lambda _: PlainTextResponse("whole"))])) as site:
     print(site.address, os.getpid(), file=sys.stderr, flush=True)
@@ -393,3 +394,24 @@ def peak_kb(process):
     found = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{process.pid}/status").read_text())
     assert found
     return int(found[1])
+
+
+def test_a_page_is_there_before_what_answers_it():
+    """What is asked for meanwhile is answered when that is there; the page itself is read once and goes on."""
+    first = Route("/", lambda _: PlainTextResponse("starting"))
+    behind = Behind(first)
+    with served(behind) as site, ThreadPoolExecutor(1) as other, httpx2.Client(base_url=site.address) as browser:
+        waits = other.submit(browser.get, "number")
+        assert browser.get("").text == "starting"
+        assert not waits.done()
+        behind.becomes(page([Route("/number", lambda _: PlainTextResponse("7"))]))
+        assert waits.result(10).text == "7"
+        assert browser.get("").status_code == 404  # the application has no page of its own
+
+
+def test_the_desk_is_shown_before_anything_is_imported_that_takes_long():
+    """numpy, pandas and all that stands on them come after the address."""
+    late = ("numpy", "pandas", "xarray", "cv2", "pydantic")
+    before = "import mocap.cli.main, mocap.cli.desk, mocap.desk.shell, mocap.web.server, sys; "
+    found = f"print([name for name in {late} if name in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", before + found], capture_output=True, text=True).stdout == "[]\n"

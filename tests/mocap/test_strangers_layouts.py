@@ -274,8 +274,10 @@ def test_commas_that_may_be_of_thousands_are_not_guessed(tmp_path):
         with pytest.raises(FormatError):
             table(tmp_path, [titles, *[",".join([f'"{cell}"'] * 3)] * 3])
     for cell in ("1.234,5", "1,234.5"):
-        with pytest.raises(FormatError):
-            table(tmp_path, [titles.replace(",", ";"), *[";".join([cell] * 3)] * 3])
+        found = table(tmp_path, [titles.replace(",", ";"), *[";".join([cell] * 3)] * 3])
+        assert (found.points.xyz_m == 1234.5).all()
+    with pytest.raises(FormatError, match=r"line 2, a_y: '1,234\.5': its point or comma may"):
+        table(tmp_path, ["a_x;a_y;a_z", *["1.234,5;1,234.5;1"] * 3])
 
 
 def test_columns_of_words(tmp_path):

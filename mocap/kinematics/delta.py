@@ -90,8 +90,8 @@ def quadratic(g: Array, cov: Array) -> Array:
 def length_sd(w: Array, cov: Array) -> Array:
     """(T,) standard deviations of the lengths of vectors (T, k) of two or three parts with covariances (T, k, k).
 
-    To first order it is that along the vector. Where the vector may be 0 (w' P^-1 w below the 95 % point of chi squared)
-    its length is no linear function of it: of a vector that is 0 it errs by the root of the trace of P, root mean
+    To first order it is that along the vector. Where this may be 0 (w' P^-1 w below the 95 % point of chi squared) its
+    length is no linear function of it: of a vector that is 0 it errs by the root of the trace of P, root mean
     square, and 95 % of the vectors found there lie so near. Beyond, what it has of that falls with the eighth power of
     the length, so that neighbouring frames have no steps.
     """

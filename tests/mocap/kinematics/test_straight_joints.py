@@ -49,7 +49,10 @@ def test_the_edges_of_lengths():
     np.testing.assert_allclose(length_sd(np.zeros((4, 2)), cov), [3, 0, np.nan, 2])
     np.testing.assert_allclose(length_sd(np.full((4, 2), [1e6, 0]), cov), [2, 0, np.nan, 2])
     assert np.isnan(length_sd(np.full((1, 2), np.nan), cov[:1])).all()
-    tangent, g = flexion_slopes(np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0.0]], [[0, 0, 0], [0, 0, 0], [1, 0, 0.0]]]))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        tangent, g = flexion_slopes(
+            np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0.0]], [[0, 0, 0], [0, 0, 0], [1, 0, 0.0]]])
+        )
     assert tangent[0] == 0
     assert np.isfinite(g[0]).all()  # of a joint that is exactly straight
     assert not np.isfinite(g[1]).all()

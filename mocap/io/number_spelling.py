@@ -107,10 +107,11 @@ def _read_as(cell: str, mark: str) -> str:
 
 
 def _proof(mark: str) -> re.Pattern[str]:
-    """Of a number that can have this mark between thousands alone."""
+    """Of a number that can have this mark between thousands alone; OpenSim's vectors, ``1.234,5.6,7.8``, are none."""
     other = "," if mark == "." else "."
     return re.compile(
-        rf"(?<![\d.,])[1-9]\d{{0,2}}(?:\{mark}\d{{3}})+(?:(?<=\{mark}\d{{3}}\{mark}\d{{3}})|\{other}\d)", re.ASCII
+        rf"(?<![\d.,])[1-9]\d{{0,2}}(?:\{mark}\d{{3}})+(?:(?<=\{mark}\d{{3}}\{mark}\d{{3}})|\{other}\d+)(?![\d.,])",
+        re.ASCII,
     )
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Protocol, TypeVar, overload
 
+from mocap.errors import MocapError
 from mocap.pixel_corner import PixelCorner
 
 if TYPE_CHECKING:
@@ -195,6 +196,13 @@ class TrackOptions:
         metadata=stated(bool, "Hide some points to measure how well they are filled."),
     )
     seed: int = field(default=0, metadata=stated(int, "Random seed of the points that are hidden."))
+
+    def __post_init__(self) -> None:
+        """Refuse what is no seed, or neither true nor false: what hides points would say it after minutes."""
+        if isinstance(self.seed, bool) or not hasattr(self.seed, "__index__") or self.seed < 0:
+            raise MocapError(f"`seed` must be a whole number from 0 on, but is {self.seed!r:.40}: correct it")
+        if self.validate not in (True, False):
+            raise MocapError(f"`validate` must be True or False, but is {self.validate!r:.40}: correct it")
 
 
 def options_of(record: type) -> dict[str, Option]:

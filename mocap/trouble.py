@@ -15,6 +15,7 @@ from mocap.errors import MocapError, shown_elsewhere
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _OURS = {"mocap", "eal", "filters", "datasets"}
+_LOOP = "Symlink loop from "
 _GROUPS = ("mocap.formats", "mocap.models", "mocap.views", "eal.kernels")
 """Of entry points, by which other packages extend this one (``eal.plugins``)."""
 
@@ -54,6 +55,8 @@ def trouble_of(error: BaseException) -> Trouble:
         return Trouble(
             f"there is not enough memory{detail}: close other programs, or take a shorter part of the recording"
         )
+    if isinstance(error, RuntimeError) and (loop := str(error)).startswith(_LOOP):  # pathlib's, up to Python 3.12
+        return Trouble(f"{loop.removeprefix(_LOOP).strip(chr(39))}: a link that leads to itself: choose another place")
     where = _where(error)
     said = f"{type(error).__name__}{where}: {' '.join(str(error).split())[:300] or 'no further details'}"
     if (offered := _plugin(error)) is not None:

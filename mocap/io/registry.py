@@ -45,6 +45,7 @@ from mocap.io.contents import FILLED, FileContents
 from mocap.io.crop import has_crops
 from mocap.io.elsewhere import formats_elsewhere
 from mocap.io.format import Format, Head, Hints, head
+from mocap.io.number_spelling import Undecided
 from mocap.io.plausible import plausible
 from mocap.io.transcribe import transcribed
 from mocap.records import Status
@@ -256,6 +257,8 @@ def _of_either(
         with transcribed(path, knows=_is_known, named=_is_named, sheet=hints.sheet) as (file, notes):
             stands = format is not None and format.name != "csv" and fits(head(file))
             return result(file, notes)
+    except Undecided:
+        raise
     except FormatError as error:
         if format is not None and format.name in OF_WORDS:
             raise

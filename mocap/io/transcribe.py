@@ -19,6 +19,7 @@ from mocap.documents import check_regular, decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
 from mocap.io.format import LENGTH, Head
 from mocap.io.lines import FRAMES, MISSING_WORDS, cells_of, check_cells, one_kind
+from mocap.io.number_spelling import Undecided, is_spelt, plain_numbers, without_thousands
 from mocap.io.title_rows import laid_out
 from mocap.io.workbook import is_workbook, sheet_text
 
@@ -32,8 +33,6 @@ _COUNTED = re.compile(rf"{FRAMES}|t|t_s|time|time_s|seconds|(camera|cam|view)[ _
 
 _QUOTED = re.compile(r'(?m)(^|,)"([^",\n]*)"(?=,|$)')
 _WITH_COMMAS = re.compile(r'(?m)(^|,)"\s*([+-]?[\d.]*,[\d.,]*\d(?:[eE][+-]?\d+)?)\s*"(?=,|$)', re.ASCII)
-_MINUS, _BLANKS = "\u2212", "\u00a0\u202f"
-"""The typographic minus of Scandinavian locales, and what French ones put between thousands."""
 _SEP = re.compile(r'"?sep=."?[;,\t ]*\n', re.IGNORECASE)
 """What a spreadsheet takes for its separator, before the titles."""
 _ROW = re.compile(r'("[^"]*"|[^",]*)(,("[^"]*"|[^",]*))+')
@@ -68,8 +67,9 @@ def transcribed(
     else:
         text, notes = _decoded(path) if anew else _one_form(path, knows, named)
     if anew and text is not None:
+        text, spelt = plain_numbers(text)
         text, more = laid_out(text) or (None, ())
-        notes = (*notes, *more)
+        notes = (*notes, *spelt, *more)
     if text is None:
         yield path, notes
         return
@@ -127,7 +127,7 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
                 not numbered
                 and not is_utf16(start)
                 and is_utf8(_blocks(stream))
-                and not any(sign.encode() in block for block in _blocks(stream) for sign in _MINUS + _BLANKS)
+                and not is_spelt(_blocks(stream), start.decode("latin-1"))
                 and _is_plain(stream, Head(path, start), knows)
             ):
                 return None, ()
@@ -142,7 +142,7 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
     if hint := _SEP.match(text):
         text = text[hint.end() :]
         notes = (*notes, f"the first line, {hint[0].strip()!r}, was left out, and is not counted")
-    text, spelt = _ascii_numbers(text)
+    text, spelt = plain_numbers(text)
     notes = (*notes, *spelt)
     head = Head(path, text[:LENGTH].encode())
     separator = _separator(head.lines)
@@ -161,18 +161,6 @@ def _one_form(path: Path, knows: Knows, named: Knows) -> tuple[str | None, tuple
         left = (*left, _whole_end(path, text))
         text += "\n"
     return _without_row_numbers(path, text, (*notes, *separators, *left), named)
-
-
-def _ascii_numbers(text: str) -> tuple[str, tuple[str, ...]]:
-    """A text whose numbers have the minus sign of ASCII, and no narrow or hard blanks between thousands."""
-    notes = ()
-    if _MINUS in text:
-        text = re.sub(rf"{_MINUS}(?=[\d.,])", "-", text)
-        notes = (f"numbers have the sign {_MINUS} (U+2212): read as a minus",)
-    if any(blank in text for blank in _BLANKS):
-        text, count = re.subn(rf"(?<=\d)[{_BLANKS}](?=\d{{3}}(?!\d))", "", text)
-        notes += ("numbers have blanks between thousands: left out",) if count else ()
-    return text, notes
 
 
 def _is_json(text: str) -> bool:
@@ -200,6 +188,12 @@ def _quoted_commas(text: str) -> tuple[str, tuple[str, ...]]:
     cells = [match[2] for match in _WITH_COMMAS.finditer(text)]
     if not any("." in cell for cell in cells):
         return text, ()
+    points = re.search(r'"[+-]?\d*\.\d+"', text, re.ASCII)  # "1.234" beside "1.234,5" is not decided
+    if not points and all(re.fullmatch(r"[+-]?([1-9]\d{0,2}(\.\d{3})+|\d{1,3}),\d+", cell) for cell in cells):
+        example = next(cell for cell in cells if "." in cell)
+        text = _WITH_COMMAS.sub(lambda match: f'{match[1]}"{match[2].replace(".", "").replace(",", ".")}"', text)
+        read_as = example.replace(".", "").replace(",", ".")
+        return text, (f"numbers in quotes have points between thousands: {example} is read as {read_as}",)
     if not all(re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", cell) for cell in cells):
         return text, ()
     text = _WITH_COMMAS.sub(lambda match: match[1] + match[2].replace(",", ""), text)
@@ -283,26 +277,28 @@ def _cell(pattern: str, separator: str) -> re.Pattern[str]:
 def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
     """A text with semicolons between its cells as one with commas and decimal points."""
     note = "cells are separated by semicolons"
+    text, notes = without_thousands(path, text, ";")
     if found := _decimal_comma(text, ";"):
         if point := _with_point(text, ";"):
             line = text.count("\n", 0, point.end()) + 1
-            raise FormatError(
+            raise Undecided(
                 f"{path.name}: line {line}: {point[0].strip(chr(34) + '; ')!r} has a decimal point (or one between "
                 f"thousands) where others have decimal commas ({found[3]},{found[4]}): export it with one of them"
             )
         note += f" and numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"
         text = _with_points(text, ";")
     if '"' in text or "," in text:
-        return _with_commas(path, text, ";"), (note,)
-    return text.replace(";", ","), (note,)
+        return _with_commas(path, text, ";"), (note, *notes)
+    return text.replace(";", ","), (note, *notes)
 
 
 def _tabs(path: Path, text: str, knows: Knows) -> tuple[str, tuple[str, ...]]:
     """A text with tabs between its cells as one with decimal points; with commas in place of tabs that none knows."""
-    notes = []
+    text, thousands = without_thousands(path, text, "\t")
+    notes = [*thousands]
     found = _decimal_comma(text, "\t")
     if found and not _with_point(text, "\t"):
-        notes = [f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
+        notes = [*notes, f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
         text = _with_points(text, "\t")
     table = not knows(Head(path, text[:LENGTH].encode()))
     if table and len({line.count("\t") for line in text.split("\n") if line}) == 1:

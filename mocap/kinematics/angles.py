@@ -33,6 +33,25 @@ def flexion(x: Array) -> Array:
     return np.arctan2(length(cross(a, b)), np.einsum("...i,...i->...", a, b))
 
 
+def flexion_slopes(x: Array) -> tuple[Array, Array]:
+    """(T,) tangents of flexion, and (T, 2, 9) slopes of the child's direction as the parent sees it, rad.
+
+    The first is that of flexion itself; the second is sideways, which moves flexion only near 0 and 180 degrees:
+    it is the length of (tangent + first, second), a vector in a plane, but for what bends in between.
+    """
+    a, b = x[:, 1] - x[:, 0], x[:, 2] - x[:, 1]
+    u, n = unit(a), unit(b)
+    normal = cross(u, n)
+    straight = length(normal) < 1e-12  # of rounding: any plane will do
+    normal[straight] = cross(u, np.eye(3)[np.argmin(np.abs(np.nan_to_num(u)), axis=1)])[straight]
+    normal, cosine = unit(normal), np.einsum("ti,ti->t", u, n)[:, None]
+    by_a, by_b = 1 / length(a)[:, None], 1 / length(b)[:, None]
+    slopes = []
+    for of_a, of_b in ((cross(normal, u) * by_a, cross(normal, n) * by_b), (cosine * normal * by_a, normal * by_b)):
+        slopes.append(np.concatenate([of_a, -of_a - of_b, of_b], axis=1))
+    return np.abs(np.tan(flexion(x))), np.stack(slopes, axis=1)
+
+
 def segment_frame(long_axis: Array, left: Array) -> Array:
     """(T, 3, 3) axes of a segment as columns: x along it, z = x cross left made a unit vector, y = z cross x.
 

@@ -17,6 +17,7 @@ from mocap.kinematics.delta import (
     central,
     change_sd,
     edges,
+    length_sd,
     made,
     of_velocity,
     with_rates,
@@ -97,11 +98,21 @@ def _joints(motion: Motion, skeleton: Skeleton) -> Iterator[Quantity]:
             "joint",
         )
         flexion, *rates = with_rates(three, angles.flexion, flexed, rates=axes is None)
+        flexion = replace(flexion, sd=np.where(np.isfinite(flexion.value), _flexion_sd_deg(three), np.nan))
         yield called(naming, three.names, 180 - flexion.value, flexion.sd, flexion.rests)
         if axes is None:
             yield from (flexion, *rates)
         else:
             yield from _three_angles(motion, joint, axes)
+
+
+def _flexion_sd_deg(three: Points) -> Array:
+    """(T,) root mean square errors of flexion, also of a joint that is nearly straight, or folded, degrees."""
+    place = np.arange(18).reshape(3, 6)[:, :3].ravel()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        tangent, g = angles.flexion_slopes(three.x)
+        cov = g @ three.cov[:, place][:, :, place] @ np.swapaxes(g, 1, 2)
+        return np.degrees(length_sd(np.stack([tangent, np.zeros_like(tangent)], axis=1), cov))
 
 
 def _three_angles(motion: Motion, joint: Joint, axes: JointAxes) -> Iterator[Quantity]:
@@ -148,16 +159,17 @@ def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:
         made(points, named(f"velocity_{axis}", "m_s", f"velocity along {axis}"), points.v[:, 0, k], sd[:, 3 + k], rests)
         for k, axis in enumerate("xyz")
     ]
-    out += [*parts, of_velocity(points, lambda v: angles.length(v[:, 0]), named("speed", "m_s", "speed"))]
+    speed = angles.length(points.v[:, 0]), length_sd(points.v[:, 0], points.cov[:, 3:, 3:])
+    out += [*parts, made(points, named("speed", "m_s", "speed"), *speed, rests)]
     changes = [
         acceleration(points, k, named(f"acceleration_{axis}", "m_s2", f"acceleration along {axis}"), part)
         for k, (axis, part) in enumerate(zip("xyz", parts, strict=True))
     ]
     vector, deviation = (np.stack([getattr(c, field) for c in changes], axis=1) for field in ("value", "sd"))
     size = angles.length(vector)
-    along = np.where(size > 0, angles.length(angles.unit(vector) * deviation), deviation.max(axis=-1))  # or any
+    spread = length_sd(vector, deviation[..., None] ** 2 * np.eye(3))
     whole = named("acceleration", "m_s2", "size of the acceleration")
-    return [*out, *changes, made(points, whole, size, along, changes[0].rests)]
+    return [*out, *changes, made(points, whole, size, spread, changes[0].rests)]
 
 
 def _body(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:

@@ -87,6 +87,28 @@ def quadratic(g: Array, cov: Array) -> Array:
     return np.sqrt(np.maximum((g[:, None] @ cov @ g[:, :, None])[:, 0, 0], 0.0))
 
 
+def length_sd(w: Array, cov: Array) -> Array:
+    """(T,) standard deviations of the lengths of vectors (T, k) of two or three parts with covariances (T, k, k).
+
+    To first order it is that along the vector. Where this may be 0 (w' P^-1 w below the 95 % point of chi squared) its
+    length is no linear function of it: of a vector that is 0 it errs by the root of the trace of P, root mean
+    square, and 95 % of the vectors found there lie so near. Beyond, what it has of that falls with the eighth power of
+    the length, so that neighbouring frames have no steps.
+    """
+    size, trace = np.linalg.norm(w, axis=1), np.trace(cov, axis1=1, axis2=2)
+    along = quadratic(w / np.where(size > 0, size, np.nan)[:, None], cov) ** 2
+    known = np.isfinite(size) & np.isfinite(cov).all(axis=(1, 2)) & (trace > 0)
+    unit_cov = cov[known] / trace[known, None, None] + 1e-9 * np.eye(w.shape[1])  # of markers in a plane it is singular
+    share = np.zeros(len(w))
+    squares = np.einsum("ti,ti->t", w[known], np.linalg.solve(unit_cov, w[known, :, None])[..., 0]) / trace[known]
+    share[known] = np.minimum(1.0, CHI2_95[w.shape[1]] / np.maximum(squares, 1e-12)) ** 4
+    return np.sqrt(np.where(size == 0, trace, along + share * np.maximum(trace - along, 0.0)))
+
+
+CHI2_95 = {2: 5.991, 3: 7.815}
+"""95 % points of chi squared."""
+
+
 def extent(x: Array) -> float:
     """Root mean square distance of points (T, k, 3) from their mean; 1 m where there is none."""
     there = x[np.isfinite(x).all(axis=(1, 2))]

@@ -182,7 +182,7 @@ def _numbers(given: Any, argument: str, shape: tuple[int | None, ...], expected:
         FormatError: they are not; the message says what came.
     """
     try:
-        if np.iscomplexobj(given):
+        if np.ma.asarray(given).dtype.kind in "cbMm":  # NumPy turns truth values and dates into numbers
             raise TypeError
         values = np.ma.filled(np.ma.array(given, dtype=np.float64), np.nan)
     except (TypeError, ValueError):

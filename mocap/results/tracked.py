@@ -23,6 +23,7 @@ from mocap.kinematics.frequency import Frequency, frequencies
 from mocap.kinematics.moments import moments
 from mocap.kinematics.records import Kinematics
 from mocap.measures import JointAxes
+from mocap.options import TrackOptions
 from mocap.plots.kinematics import plot_coordinates
 from mocap.plots.page import tracked_html, write_page
 from mocap.progress import Stages, Tell, bars, silent
@@ -433,6 +434,7 @@ def track(
         MocapError: what makes it impossible, with what to do.
     """
     recording = as_recording(recording, "track")
+    TrackOptions(validate=validate, seed=seed)
     if recording.tracked:
         raise MocapError(f"{recording.name}: was tracked already: give what mocap.read or mocap.clean returned")
     name = "auto"

@@ -9,6 +9,7 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 
 import mocap
+from mocap.batches.trial import Options
 from mocap.cameras.camera import Camera, dlt_coefficients
 from mocap.cleaning.cleaning import clean
 from mocap.io.contents import point_recording
@@ -255,3 +256,24 @@ def test_one_marker_is_tracked_and_saved(tmp_path):
     walk = np.cumsum(np.random.default_rng(0).normal(0, 1e-3, (60, 1, 3)), axis=0) + 0.1
     mocap.track(mocap.from_arrays(walk, names=["tip"], fps=100, unit="m")).save(tmp_path / "out")
     assert (tmp_path / "out" / "report.html").is_file()
+
+
+@pytest.mark.parametrize("kind", ["bool", "complex", "datetime64[s]", "timedelta64[s]"])
+def test_what_numpy_turns_into_numbers_is_none(xyz, kind):
+    """Truth values and dates became positions without a word; numbers of any size, or in a mask, are numbers."""
+    with pytest.raises(mocap.FormatError, match=r"expected \(frames, markers, 3\) numbers"):
+        mocap.from_arrays(np.nan_to_num(xyz).astype(kind), fps=FPS, unit="mm", names=NAMES)
+    for dtype in (">f8", "f4", "i2", object):
+        found = mocap.from_arrays(np.nan_to_num(xyz).astype(dtype), fps=FPS, unit="mm", names=NAMES)
+        assert found.names == NAMES
+
+
+@pytest.mark.parametrize("wrong", [{"seed": -1}, {"seed": 0.5}, {"seed": True}, {"seed": "1"}, {"validate": "no"}])
+def test_a_seed_that_is_none_is_refused_before_the_work(xyz, wrong):
+    """By its name, in ``mocap.track`` and for a batch; whole numbers of NumPy are seeds."""
+    recording = mocap.from_arrays(xyz, fps=FPS, unit="mm", names=NAMES)
+    (name,) = wrong
+    for call in (lambda: mocap.track(recording, **wrong), lambda: Options(**wrong)):
+        with pytest.raises(mocap.MocapError, match=f"`{name}` must be"):
+            call()
+    assert Options(seed=np.int64(3), validate=np.True_).seed == 3

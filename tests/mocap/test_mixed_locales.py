@@ -124,3 +124,83 @@ def test_dates_of_a_spreadsheet_are_days(tmp_path, start, step, fps):
     found = read(tmp_path / "a.csv")
     assert found.fps == pytest.approx(fps, rel=1e-5)
     assert any("times are days" in one for one in found.findings) == (fps == 100)
+
+
+def german(value):
+    return f"{value:,.2f}".replace(",", "_").replace(".", ",").replace("_", ".")
+
+
+def fortran(value):
+    return f"{value:.8E}".replace("E", "D")
+
+
+def no_letter(value):
+    mantissa, exponent = f"{value:.8E}".split("E")
+    return f"{mantissa}{exponent[0]}{int(exponent[1:]):03d}"
+
+
+PROGRAMS = {
+    "points between thousands; semicolons": (";", german),
+    "points between thousands; tabs": ("\t", german),
+    "points between thousands; quotes": (",", lambda value: f'"{german(value)}"'),
+    "commas between thousands; semicolons": (";", lambda value: f"{value:,.2f}"),
+    "commas between thousands; tabs": ("\t", lambda value: f"{value:,.2f}"),
+    "Fortran": (",", fortran),
+    "Fortran, small letter": ("\t", lambda value: fortran(value).lower()),
+    "Fortran without a letter": (",", no_letter),
+    "Fortran, blanks": ("   ", fortran),
+}
+
+
+def table(path, separator, spelt, values, *, names="ab"):
+    lines = [separator.join(["frame", *(f"{name}_{axis}" for name in names for axis in "xyz")])]
+    lines += [separator.join([str(f), *map(spelt, row)]) for f, row in enumerate(values, start=1)]
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("how", PROGRAMS)
+def test_numbers_as_programs_spell_them(tmp_path, how):
+    """Each value, small, large and negative, is that of the plain spelling, and it is told what was read as what."""
+    separator, spelt = PROGRAMS[how]
+    values = 10 * XYZ_MM.reshape(40, 6) - 1500
+    found = read(table(tmp_path / "a.csv", separator, spelt, values))
+    np.testing.assert_allclose(found.points.xyz_m.reshape(40, 6), values, rtol=1e-8, atol=1e-9)
+    assert any("is read as" in one for one in found.findings)
+
+
+def test_a_column_that_leaves_its_thousands_open_is_named(tmp_path):
+    """``1.234`` alone in a column, beside decimal commas or whole numbers: refused with line and column.
+
+    Numbers with decimals throughout, without trailing zeros, or from 0 to 1 are decimals; none is refused.
+    """
+    path = tmp_path / "a.csv"
+    values = 10 * XYZ_MM.reshape(40, 6)
+    rows = [[german(value) for value in row] for row in values]
+    for row in rows:
+        row[4] = row[4].partition(",")[0]
+    rows[0][4] = "1.234"
+    table(path, ";", str, rows)
+    with pytest.raises(FormatError, match=r"a\.csv: line 2, b_y: '1\.234': its point or comma may stand between"):
+        read(path)
+    table(path, ";", str, [["0,5", "1.234", "2,5"]] * 5, names="a")
+    with pytest.raises(FormatError, match=r"line 2: '1\.234' has a decimal point"):
+        read(path)
+    whole = [[f"{k:,.0f}".replace(",", ".") for k in (900 + 5 * i, 1000 + i, 3)] for i in range(40)]
+    for separator in (";", "\t"):
+        table(path, separator, str, whole, names="a")
+        with pytest.raises(FormatError, match=r"line 22, a_x: '1\.000'"):
+            read(path)
+    for spelt in ("{:.3f}", "{:.4g}", "{:.6g}"):
+        decimals = np.arange(120).reshape(40, 3) / 7
+        table(path, ";", spelt.format, decimals, names="a")
+        np.testing.assert_allclose(read(path).points.xyz_m[:, 0], decimals, rtol=1e-3, atol=1e-3)
+
+
+def test_words_that_look_like_exponents_stay(tmp_path):
+    """A title is no number, and a file of Fortran that also writes E has both."""
+    path = tmp_path / "a.csv"
+    path.write_text("frame,1.5D+02_x,1.5D+02_y,1.5D+02_z\n1,1.5D+02,-.5d-03,2.5E+01\n2,1,2,3\n")
+    found = read(path)
+    assert found.names == ("1.5D+02",)
+    np.testing.assert_array_equal(found.points.xyz_m[0, 0], [150, -5e-4, 25])

@@ -262,18 +262,22 @@ def test_separators_at_the_end_of_rows(tmp_path):
 
 
 def test_commas_that_may_be_of_thousands_are_not_guessed(tmp_path):
-    """1,234 in quotes is a number or a thousand times another; 1,2345 is no thousand; 1,234.5 has a decimal point."""
+    """1,234 in quotes is a number or a thousand times another; 1,2345 is no thousand; 1,234.5 and 1.234,5 say it."""
     quoted = [PLAIN[0], *(",".join(f'"{c}"' for c in row.split(";")) for row in rows(";", mark=","))]
     is_right(table(tmp_path, quoted))
     titles = ",".join(TITLES[:3])
     found = table(tmp_path, [titles, *[",".join(['"1,234.5"'] * 3)] * 3])
     assert (found.points.xyz_m == 1234.5).all()
-    for cell in ("1,234", "1.234,5"):
+    found = table(tmp_path, [titles, *[",".join(['"1.234,5"'] * 3)] * 3])
+    assert (found.points.xyz_m == 1234.5).all()
+    for cell in ("1,234", "1.234,5.6"):
         with pytest.raises(FormatError):
             table(tmp_path, [titles, *[",".join([f'"{cell}"'] * 3)] * 3])
     for cell in ("1.234,5", "1,234.5"):
-        with pytest.raises(FormatError):
-            table(tmp_path, [titles.replace(",", ";"), *[";".join([cell] * 3)] * 3])
+        found = table(tmp_path, [titles.replace(",", ";"), *[";".join([cell] * 3)] * 3])
+        assert (found.points.xyz_m == 1234.5).all()
+    with pytest.raises(FormatError, match=r"line 2, a_y: '1,234\.5': its point or comma may"):
+        table(tmp_path, ["a_x;a_y;a_z", *["1.234,5;1,234.5;1"] * 3])
 
 
 def test_columns_of_words(tmp_path):

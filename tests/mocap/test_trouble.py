@@ -373,3 +373,18 @@ def test_a_request_to_end_leaves_nothing_half(tmp_path, number, code, when):
     assert done.stderr.startswith("stopped: ")
     left = {path.name for path in tmp_path.iterdir() if path.name not in (".mocap-manifest.json", ".mocap-lock")}
     assert left == ({"a.csv"} if when == "before" else {"a.csv", "b.trc"})
+
+
+@pytest.mark.skipif(os.name != "posix", reason="any user makes links")
+def test_a_link_that_leads_to_itself_is_no_error_in_mocap(mocap, files, tmp_path):
+    """As the place of a result, a folder on the way to it, or a file that is read; a link to a folder is one."""
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to("there")
+    for place, code in (("loop", 1), ("loop/t.csv", 1), ("link/t.csv", 0)):
+        words = ["triangulate", files["pixels"], "--dlt", files["coefficients"], "--out", tmp_path / place]
+        found = mocap(*words)
+        assert found[0] == code, found
+        assert "error in mocap" not in found[2]
+    assert (tmp_path / "there" / "t.csv").is_file()
+    assert mocap("info", tmp_path / "loop")[0] == 1

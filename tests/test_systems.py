@@ -49,6 +49,7 @@ POPEN = {"preexec_fn", "pass_fds", "start_new_session", "process_group", "umask"
 STARTS = {"fork", "forkserver"}
 
 ALLOWED = {
+    ("eal/needs.py", "text without encoding"): "importlib.metadata reads UTF-8, and takes no encoding",
     ("mocap/batches/engine.py", "/sys/"): "what is not there is suppressed",
     ("mocap/batches/engine.py", "os.sysconf"): "behind a question for win32; macOS has SC_PHYS_PAGES",
     ("mocap/documents.py", "os.O_"): "asked with getattr; without O_NOFOLLOW a link is looked for first",

@@ -232,7 +232,7 @@ def test_without_the_extra_its_name_is_told(tmp_path, monkeypatch, capsys, end):
     monkeypatch.setattr("eal.needs.find_spec", lambda _: None)
     path = tmp_path / f"leg{end}"
     path.write_text(URDF)
-    with pytest.raises(ImportError, match=r"eal-mocap\[models\]") as caught:
+    with pytest.raises(ImportError, match=r"pip install .*\[models\]") as caught:
         read_skeleton(path)
     assert explain(caught.value) == 1
     assert capsys.readouterr().err.count("\n") == 1

@@ -90,7 +90,7 @@ def test_sleap_without_its_library(tmp_path, monkeypatch):
     """A person is told which extra to install."""
     sleap_labels().save(str(tmp_path / "a.slp"), verbose=False)
     monkeypatch.setitem(sys.modules, "sleap_io", None)
-    with pytest.raises(FormatError, match=r"a\.slp.* needs sleap_io.*eal-mocap\[sleap\]"):
+    with pytest.raises(FormatError, match=r"a\.slp.* needs sleap_io.*pip install .*\[sleap\]"):
         read(tmp_path / "a.slp")
 
 

@@ -64,8 +64,8 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         )
     elif mirrored[0] and y_up is not True:
         text = (
-            "the world is mirrored (left-handed): names stay right, but in 3D left lies on the right, and turns and "
-            "signed angles have the other sign: give a `calibration` with right-handed axes"
+            "the world is mirrored (left-handed): names stay right, places and turns are mirrored: give a "
+            "`calibration` with right-handed axes"
             if y_up is False
             else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state "
             "`origin`"
@@ -75,7 +75,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
     elif y_up and not mirrored[0]:
         text = (
             "the world is mirrored (left-handed), because pixel rows are counted from the lower left: names stay "
-            "right, but in 3D left lies on the right: state `origin` if rows are not counted so, or give a "
+            "right, places and turns are mirrored: state `origin` if rows are not counted so, or give a "
             "`calibration` with right-handed axes"
         )
         found.append(alarm(kind=Kind.MIRRORED_WORLD, text=text, mends=("origin", "calibration")))

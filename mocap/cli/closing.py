@@ -41,8 +41,7 @@ def closing(report: Mapping, out: Path, *, cycles: Sequence[str] = ()) -> list[s
     if not report.get("plane"):
         lines += _indented(f"Look:   {typed(*program(), 'view', out)}   (in the browser: add --web)")
     after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
-    animal = length_line(report), *map(in_options, cycles)
-    after += ["", "Animal", *(part for line in animal for part in _indented(line))]
+    after += ["", "Animal", *_indented(length_line(report))]
     wrong = [in_options(sentence) for sentence in (*report.get("wrong", ()), *filter(None, [better(report)]))]
     left_open = [in_options(sentence) for sentence in report.get("open", ())]
     known = "Nothing is wrong, as far as is known" if left_open else "Nothing is wrong"
@@ -54,7 +53,8 @@ def closing(report: Mapping, out: Path, *, cycles: Sequence[str] = ()) -> list[s
         more = [f"{len(wrong) - len(told)} more"] if len(told) < len(wrong) else []
         more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
         items += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
-        end = [*_left_open(left_open, whole=whole), *after]
+        counted = [part for line in cycles for part in _indented(_whole_or_cut(in_options(line), whole=whole))]
+        end = [*_left_open(left_open, whole=whole), *after, *counted]
         if len(lines) + len(items) + len(end) <= LINES:
             break
     return [*lines, *items, *end]
@@ -64,9 +64,13 @@ def _left_open(texts: Sequence[str], *, whole: bool) -> list[str]:
     """What its user can state: whole or a line each, of many the first two."""
     if not texts:
         return []
-    told = [text if whole else textwrap.shorten(text, 76, placeholder=" ...") for text in texts[:2]]
+    told = [_whole_or_cut(text, whole=whole) for text in texts[:2]]
     told += [f"{len(texts) - 2} more"] if len(texts) > 2 else []
     return ["", "Left open, to be stated", *(part for line in told for part in _indented(line))]
+
+
+def _whole_or_cut(text: str, *, whole: bool) -> str:
+    return text if whole else textwrap.shorten(text, 76, placeholder=" ...")
 
 
 def _indented(text: str, indent: str = "  ", *, deeper: str = "  ") -> list[str]:

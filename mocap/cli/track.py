@@ -107,8 +107,7 @@ def track(
                     opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
                 )
             result.write(folder, progress=tell)
-    limbs = result.skeleton.joints or result.skeleton.measures.cyclic
-    cycles = limbs and not size and (out / "cycles.csv").exists()
+    cycles = result.skeleton.measures.cyclic and not size and (out / "cycles.csv").exists()
     told = [f"{one.number}: {one.meaning}" for one in result.frequencies] if cycles else []
     told = told or (result.why_no_cycles if cycles else [])
     finish(result.report, result.report_text, out, as_json=printed.as_json, verbose=printed.verbose, cycles=told)

@@ -145,16 +145,21 @@ def open_movies(given: Sequence[Path]) -> tuple[Movie, ...]:
 
 
 def listed(given: Sequence[Path]) -> list[Path]:
-    """Movies, or those of one folder among other files, sorted by their names, numbers by their value."""
+    """Movies, or those of one folder among other files, sorted by their names, numbers by their value.
+
+    Folders of pictures are movies, too; beside files of movies those whose pictures are all numbered, as frames are.
+    """
     if len(given) == 1 and given[0].is_dir():
         inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
-        films = [p for p in inside if p.suffix.lower() in FILMS]
-        given = films or [p for p in inside if p.is_dir() and _has_pictures(p)] or given
+        films = any(p.suffix.lower() in FILMS for p in inside)
+        movies = [p for p in inside if p.suffix.lower() in FILMS or (p.is_dir() and _has_pictures(p, numbered=films))]
+        given = movies or given
     return list(given)
 
 
-def _has_pictures(folder: Path) -> bool:
-    return any(path.suffix.lower() in PICTURES for path in folder.iterdir())
+def _has_pictures(folder: Path, *, numbered: bool) -> bool:
+    names = [path.stem for path in folder.iterdir() if path.suffix.lower() in PICTURES]
+    return bool(names) and (not numbered or all(name[-1:].isdigit() for name in names))
 
 
 def by_number(path: Path) -> list[tuple[int, int | str]]:

@@ -50,7 +50,7 @@ def report_page(
     details = MarkdownIt("commonmark", {"html": False}).enable("table")
     sources = {one.name: base64.b64encode(svg[one.name].encode()).decode() for one in shown}
     frames = found.t_s
-    none = why_none(run.skeleton, found, rows) if run.skeleton.measures.cyclic else []
+    none = why_none(run.skeleton, found, rows) if run.skeleton.joints or run.skeleton.measures.cyclic else []
     wrong = cast(Sequence[str], run.report.get("wrong", ()))
     remedies = {f.text: entry for f in run.findings if f.text in wrong and (entry := what_to_do(f.kind)) is not None}
     told = dict.fromkeys(remedies[said] for said in wrong if said in remedies)

@@ -121,7 +121,9 @@ def kalman(xyz_m: Array, dt_s: float) -> float:
         one.R, one.P = 1e-6 * np.eye(3), np.eye(6)
         one.x = np.concatenate([track[at[0]], np.zeros(3)])
         seen = track[at[0] : at[-1] + 1]
-        means, covs, _, _ = one.batch_filter([z if np.isfinite(z[0]) else None for z in seen])
+        taken = np.empty(len(seen), dtype=object)  # of such a list NumPy 2.2 cannot tell the length
+        taken[:] = [z if np.isfinite(z[0]) else None for z in seen]
+        means, covs, _, _ = one.batch_filter(taken)
         one.rts_smoother(means, covs)
     return time.process_time() - start
 

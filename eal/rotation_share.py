@@ -387,6 +387,8 @@ def _principal(vectors: Array) -> Array:
 
 
 def _matrices(vectors: Array) -> Array:
+    if not len(vectors):  # which SciPy 1.15 refuses
+        return np.zeros((0, 3, 3))
     return Rotation.from_rotvec(vectors).as_matrix()
 
 

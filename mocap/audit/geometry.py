@@ -23,6 +23,10 @@ UNEVEN, LEAST_UNEVEN_PX = 3.0, 1.0
 clean recordings was accused (docs/experiments/audit_measured.md)."""
 
 
+_MEANS = "names are correct, but positions and turns are mirrored"
+"""Of a mirrored world: names come from the videos."""
+
+
 def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:
     """Cameras with identical calibrations, and mirrored worlds.
 
@@ -64,8 +68,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         )
     elif mirrored[0] and y_up is not True:
         text = (
-            "the world is mirrored (left-handed): names stay right, places and turns are mirrored: give a "
-            "`calibration` with right-handed axes"
+            f"the world is mirrored (left-handed): {_MEANS}: give a `calibration` with right-handed axes"
             if y_up is False
             else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state "
             "`origin`"
@@ -74,9 +77,8 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         found.append(Finding(kind=Kind.MIRRORED_WORLD, alarm=y_up is False, text=text, mends=mends))
     elif y_up and not mirrored[0]:
         text = (
-            "the world is mirrored (left-handed), because pixel rows are counted from the lower left: names stay "
-            "right, places and turns are mirrored: state `origin` if rows are not counted so, or give a "
-            "`calibration` with right-handed axes"
+            f"the world is mirrored (left-handed), because pixel rows are counted from the lower left: {_MEANS}: state "
+            "`origin` if rows are not counted so, or give a `calibration` with right-handed axes"
         )
         found.append(alarm(kind=Kind.MIRRORED_WORLD, text=text, mends=("origin", "calibration")))
     return found

@@ -108,8 +108,7 @@ def track(
                 )
             result.write(folder, progress=tell)
     cycles = result.skeleton.measures.cyclic and not size and (out / "cycles.csv").exists()
-    told = [f"{one.number}: {one.meaning}" for one in result.frequencies] if cycles else []
-    told = told or (result.why_no_cycles if cycles else [])
+    told = [f"{one.number}: {one.meaning}" for one in result.frequencies] or result.why_no_cycles if cycles else []
     finish(result.report, result.report_text, out, as_json=printed.as_json, verbose=printed.verbose, cycles=told)
 
 

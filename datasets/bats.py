@@ -241,6 +241,19 @@ def bat_motion(
     return partial(bat_scene, seed=own, skin_m=skin_m, rolling=rolling, folding=folding, manoeuvre=manoeuvre)
 
 
+def beats_done(seed: int, t_s: Array) -> Array:
+    """(T,) wing beats done since time 0 by the bat of a seed: its phase, of which single turning points stray."""
+    own = np.random.SeedSequence(seed).spawn(3)[0]
+    phase = _phase(np.random.default_rng(own), np.concatenate([[0.0], t_s]))
+    return (phase[1:] - phase[0]) / (2 * np.pi)
+
+
+def _phase(rng: np.random.Generator, t_s: Array) -> Array:
+    """(T,) phase of the beat, rad: its rate wanders slowly, by 3.5 %."""
+    tempo = draw_wander(rng, band_hz=(0.3, 2.0))
+    return rng.uniform(0, 2 * np.pi) + 2 * np.pi * BEAT_HZ * (t_s + 0.035 * tempo.integral(t_s))
+
+
 def bat_scene(
     t_s: Array,
     *,
@@ -252,9 +265,7 @@ def bat_scene(
 ) -> FilmedScene:
     """The bat's motion at times (T,), the same function of time for the same seed; others as in ``make_bat``."""
     rng = np.random.default_rng(seed)
-    tempo = draw_wander(rng, band_hz=(0.3, 2.0))
-    start = rng.uniform(0, 2 * np.pi)
-    phase = start + 2 * np.pi * BEAT_HZ * (t_s + 0.035 * tempo.integral(t_s))
+    phase = _phase(rng, t_s)
     # what both wings share is larger than what tells them apart
     shared, own = _beats(rng, t_s, scale=1.0), [_beats(rng, t_s, scale=0.4) for _ in "lr"]
 

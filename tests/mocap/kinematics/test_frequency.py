@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.linkage import draw_wander
 
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import DOUBTFUL, Cycle
@@ -52,6 +53,34 @@ def test_its_interval_holds_the_true_one():
         z.append((one.value_hz - true) / one.sd_hz)
     assert 0.92 <= np.mean(np.abs(z) < 1.96) <= 0.99
     assert 0.85 < np.sqrt(np.mean(np.square(z))) < 1.1
+
+
+@pytest.mark.rare
+@pytest.mark.parametrize("kind", ["even", "slow", "each"])
+def test_it_holds_of_even_and_of_uneven_beats(kind):
+    """Even beats, a rate that wanders slowly by 6 %, periods that differ by 4 %: 89 to 100 of 100 intervals.
+
+    Binomially 100 intervals of 95 % hold 91 to 99 (two standard errors), of one kind of beats 2 more or less: they are
+    of all kinds together. Turning points stray by 0.4 % of a beat beyond their stated deviation in every other one.
+    """
+    rng = np.random.default_rng(["even", "slow", "each"].index(kind))
+    period, inside = 0.11, []
+    for draw in range(100):
+        n = (3, 7)[draw // 2 % 2]
+        halves = np.full(2 * n, period / 2)
+        if kind == "each":
+            halves += 0.04 * period * np.sqrt(0.5) * rng.standard_normal(2 * n)
+        if kind == "slow":
+            t_s, wander = period / 2 * np.arange(2 * n), draw_wander(rng, band_hz=(0.3, 2.0))
+            halves *= 1 + 0.06 * wander.value(t_s)
+        true = np.concatenate([[0.0], np.cumsum(halves)])
+        rows = []
+        for of in ("wing_l", "wing_r"):
+            error = np.hypot(4e-4, 0.004 * period * (draw % 2)) * rng.standard_normal(2 * n + 1)
+            rows += beats(true + error, np.full(2 * n + 1, 4e-4), of)
+        (one,) = frequencies(rows)
+        inside.append(one.low_hz <= n / true[-1] <= one.high_hz)
+    assert 0.89 <= np.mean(inside) <= 1.0
 
 
 def test_all_turning_points_tell_more_than_a_pair():

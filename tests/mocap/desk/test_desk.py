@@ -1,5 +1,6 @@
 """The desk as a person uses it: a folder is opened, tracked, corrected and passed on, in a real browser."""
 
+import json
 import os
 import shutil
 import signal
@@ -11,6 +12,7 @@ from contextlib import contextmanager
 
 import httpx2
 import numpy as np
+import pandas as pd
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
@@ -139,6 +141,20 @@ def test_a_result_is_passed_on_as_one_page(worked, monkeypatch):
     assert b"<title>flight</title>" in (desk.out / "flight" / "page" / "index.html").read_bytes()
     out = desk.out / "flight"
     assert desk.overview()["trials"][0]["passes"]["page"][1] == f"mocap share {out} --out {out / 'page'} --force"
+
+
+def test_corrections_and_places_are_passed_on(worked):
+    """As movement and SLEAP state them, with the command that does the same for the corrections."""
+    desk, _ = worked
+    said = desk.pass_on("flight", "edits")
+    folder = desk.out / "flight" / "corrections"
+    assert said == f"wrote 0 of 0 corrections and the places to check to {folder}"
+    assert json.loads((folder / "edits.json").read_text()) == []
+    listed = pd.read_csv(folder / "qc_results.csv")
+    assert listed["score"].max() == 1
+    assert listed["marker"].iloc[0] == "hand"
+    command = f"mocap convert {desk.log('flight')} {folder / 'edits.json'} --force"
+    assert desk.overview()["trials"][0]["passes"]["edits"][1] == command
 
 
 def test_places_are_ranked_by_what_a_click_settles(worked):

@@ -559,3 +559,31 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
         range(1, kept + 1)
     )
     assert kept == 9
+
+
+@pytest.mark.rare
+@pytest.mark.skipif(os.name != "posix", reason="a terminal's Ctrl-C reaches a group of processes")
+@pytest.mark.parametrize("after_s", [0.0, 1.0, 3.0])
+def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path, after_s):
+    """Ctrl-C reaches the processes that import and read, too; all end with one line."""
+    words = ["desk", str(scene.folder), "--calibration", str(scene.folder / "calibration.toml"), "--fps", str(FPS)]
+    script = (
+        f"import sys; from mocap.cli.main import main; sys.argv = {['mocap', *words, '--out', str(tmp_path)]}; main()"
+    )
+    environment = {**os.environ, "BROWSER": "true"}
+    with subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        env=environment,
+    ) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline().startswith("The desk is at ")
+        time.sleep(after_s)
+        os.killpg(run.pid, signal.SIGINT)
+        said = run.stdout.read()
+        assert run.wait() == 0
+    assert "Traceback" not in said
+    assert said.splitlines()[-1].startswith("The desk ended (SIGINT)")

@@ -458,7 +458,7 @@ class Desk:
         if kind == "edits":
             proof = self._proof(trial, ahead=False)
             with result_folder(self.out / name / "corrections", "corrections", replace=True) as folder:
-                wrote = write_committed(folder / EDITS_OF_MOVEMENT, proof.edits, fps=proof.raw.fps)
+                wrote = write_committed(folder / EDITS_OF_MOVEMENT, proof.edits, fps=proof.raw.fps or 1.0)
                 n = len(proof.raw.camera_names)
                 write_label_qc(folder / LABEL_QC, proof.places(), proof.raw.names, cameras=n)
             return f"wrote {wrote} and the places to check to {self.out / name / 'corrections'}"

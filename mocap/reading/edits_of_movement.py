@@ -100,11 +100,11 @@ def _edits(one: Any) -> list[Edit]:
     first, last = one.get("t0_frame"), one.get("t1_frame", one.get("t0_frame"))
     if type(first) is not int or type(last) is not int or not 0 <= first <= last:
         raise FormatError("t0_frame and t1_frame are no frames from 0, the first before the last")
-    signed = {"who": str(one.get("who", "movement")), "when": str(one.get("when", ""))}
-    span = {"frame": first + 1, "last": last + 1}
+    stated: dict[str, Any] = {"who": str(one.get("who", "movement")), "when": str(one.get("when", ""))}
+    stated |= {"frame": first + 1, "last": last + 1}
     if one["type"] == "swap":
-        return [Edit(what="exchange", marker=one.get("a"), other=one.get("b"), **span, **signed)]
+        return [Edit(what="exchange", marker=one.get("a"), other=one.get("b"), **stated)]
     names = one.get("keypoints") or [one.get("a")]
     if not isinstance(names, list):
         raise FormatError("keypoints are no list of names")
-    return [Edit(what="delete", marker=name, **span, **signed) for name in names]
+    return [Edit(what="delete", marker=name, **stated) for name in names]

@@ -166,7 +166,12 @@ class ReadOptions(FilmedOptions):
         ),
     )
     edits: PathText | None = field(
-        default=None, metadata=stated(Path, "Corrections made by hand (`mocap desk`).", "Its ``edits.jsonl``.")
+        default=None,
+        metadata=stated(
+            Path,
+            "Corrections made by hand (`mocap desk`).",
+            "Its ``edits.jsonl``, or movement's list of swaps and drops (``.json``).",
+        ),
     )
     edits_anyway: bool = field(
         default=False,

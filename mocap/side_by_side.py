@@ -4,6 +4,7 @@ A call is made whole by one process: the numbers are those of this one. Calls, a
 pipes that nobody else can open; nothing listens on a port.
 """
 
+import atexit
 import os
 import pickle
 import signal
@@ -22,6 +23,7 @@ from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
+from threading import Lock
 from time import monotonic
 from typing import Any, Literal, TypeVar
 
@@ -45,6 +47,9 @@ END_S = 5.0
 """What has nothing to do and does not end by itself in that time is ended."""
 MOST_PROCESSES = 4
 """Processes that one recording has work for."""
+_STARTING = Lock()
+"""Held while a process starts: one whose parent ends before it has told it what to do fails with a traceback."""
+atexit.register(lambda: _STARTING.acquire(timeout=END_S))
 
 
 class NoProcess(MocapError):
@@ -142,7 +147,8 @@ class Worker:
         here, there = context.Pipe()
         try:
             process = context.Process(target=_work, args=(there,), daemon=daemon)  # type: ignore[attr-defined]
-            process.start()
+            with _STARTING:
+                process.start()
         except BaseException:
             here.close()
             raise
@@ -215,11 +221,18 @@ def context_of(preload: str) -> BaseContext:
         raise MocapError(GUARD)
     if sys.platform != "linux":
         return get_context("spawn")
-    from multiprocessing import forkserver
+    from multiprocessing import forkserver, resource_tracker
 
     context = get_context("forkserver")
     context.set_forkserver_preload([preload])
-    forkserver.ensure_running()
+    # Ctrl-C reaches it, too, and it would end in the middle of an import; what it forks ignores it (``_work``).
+    # The tracker, which it starts at the first time, would let it through again
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     return context
 
 

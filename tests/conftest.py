@@ -71,6 +71,7 @@ SLOW = {
     "mocap/batches/test_batch.py": 45,
     "mocap/batches/test_trial_limits.py": 9,
     "mocap/desk/test_desk.py": 34,
+    "mocap/desk/test_desk_access.py": 20,
     "mocap/desk/test_desk_one_camera.py": 5,
     "mocap/desk/test_desk_rooms.py": 40,
     "mocap/desk/test_proof.py": 2,
@@ -92,6 +93,7 @@ SLOW = {
     "mocap/test_parts.py": 20,
     "mocap/rerun/test_view_angles.py": 2,
     "mocap/rerun/test_view_digitised.py": 27,
+    "test_imported_names.py": 17,
     "mocap/rerun/test_view_ends.py": 10,
     "mocap/rerun/test_view_hover.py": 7,
     "mocap/rerun/test_view_lagrangian.py": 2,
@@ -198,6 +200,7 @@ RARE = {
     ),
     "drives the desk's page in a browser": (
         "mocap/desk/test_desk.py",
+        "mocap/desk/test_desk_access.py",
         "mocap/desk/test_desk_one_camera.py",
         "mocap/desk/test_desk_rooms.py",
         "mocap/desk/test_session.py",

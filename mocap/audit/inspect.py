@@ -158,6 +158,7 @@ _CONTAINED = {
     "residual_px": "triangulation residuals in px",
     "residual_m": "residuals of points",
     "interval": "95 % intervals",
+    "edited": "samples that a person corrected",
     "offset_frames": "offsets of cameras in frames",
     "transforms": "rigid-body transforms",
 }

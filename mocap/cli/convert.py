@@ -50,10 +50,22 @@ def convert(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a recording in another format; what that format cannot store is listed, or refused."""
+    """Write a recording in another format; what that format cannot store is listed, or refused.
+
+    A log of corrections (edits.jsonl) becomes movement's list of swaps and drops (edits.json; --fps sets its times).
+    """
     from mocap.io.output import result_file
     from mocap.io.together import convert_files
 
+    if len(files) == 1 and files[0].suffix == ".jsonl":
+        from mocap.reading.edits import read_edits
+        from mocap.reading.edits_of_movement import write_committed
+
+        edits = read_edits(files[0])
+        with result_file(out, replace=force, inputs=files, tell=say) as file:
+            wrote = write_committed(file, edits, fps=fps or 1.0)
+        say(f"wrote {wrote} to {out}")
+        return
     whole = None
     if crop:
         from mocap.reading.reading import uncropped

@@ -26,6 +26,7 @@ from mocap.batches.trial import Options, Record, Trial, earlier_record, read_man
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cleaning.trial_audit import looked_at
 from mocap.desk.draft import Draft, open_draft
+from mocap.desk.label_qc import LABEL_QC, write_label_qc
 from mocap.desk.proof import Proof, open_proof
 from mocap.desk.session import Session
 from mocap.documents import regular_bytes
@@ -34,6 +35,7 @@ from mocap.findings import Finding, worst_first
 from mocap.io.manifest import digest, occupied
 from mocap.io.output import result_file, result_folder, taken_over
 from mocap.reading.edits import read_edits, standing
+from mocap.reading.edits_of_movement import write_committed
 from mocap.reading.reading import OPTIONS, in_options
 from mocap.reading.session import facts_of
 from mocap.results.tracked import load
@@ -41,7 +43,7 @@ from mocap.side_by_side import Hear, Worker, opened
 from mocap.text import number_of
 from mocap.trouble import trouble_of
 
-EDITS = "edits.jsonl"
+EDITS, EDITS_OF_MOVEMENT = "edits.jsonl", "edits.json"
 SIBLINGS = 8
 """Trials that one is compared with at most before they are tracked: their middle is known by then."""
 STOP_S = 10.0
@@ -67,8 +69,10 @@ PASSED = {
     "deeplabcut": "DeepLabCut",
     "bvh": "BVH",
     "page": "one page with the 3D recording",
+    "edits": "corrections (movement), places to check (SLEAP)",
 }
-"""What a result is passed on as: ``report``, ``page`` (``mocap share``), or an export of ``mocap kinematics``."""
+"""What a result is passed on as: ``report``, ``page`` (``mocap share``), ``edits`` (``mocap convert`` writes the
+corrections; the places are the desk's), or an export of ``mocap kinematics``."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -215,6 +219,9 @@ class Desk:
 
     def passing(self, name: str, kind: str) -> str:
         """The command that passes a result on as the desk does."""
+        if kind == "edits":
+            words = ["mocap", "convert", self.log(name), self.out / name / "corrections" / EDITS_OF_MOVEMENT, "--force"]
+            return shlex.join(map(str, words))
         to = ["--out", self.out / name / "page"] if kind == "page" else [] if kind == "report" else ["--export", kind]
         words = ["mocap", "share" if kind == "page" else "kinematics", self.out / name, *to, "--force"]
         return shlex.join(map(str, words))
@@ -355,10 +362,8 @@ class Desk:
         trial = self.trial(name)
         if read_record(self.out / name) is None:
             raise MocapError(f"{name} has not been tracked: track it first")
-        plain = replace(trial, arguments={key: value for key, value in trial.arguments.items() if key != "edits"})
         self.proof = None
-        anyway = trial.arguments.get("edits_anyway", False)
-        self.proof = open_proof(name, plain.recording(), load(self.out / name), self.log(name), anyway=anyway)
+        self.proof = self._proof(trial)
         edits = {"edits": self.log(name)}
         commands = {
             "proof": self.command(replace(trial, arguments={**trial.arguments, **edits})),
@@ -366,6 +371,12 @@ class Desk:
             "scene": shlex.join(["mocap", "view", str(self.out / name)]),
         }
         return self.proof.info() | {"commands": commands}
+
+    def _proof(self, trial: Trial, *, ahead: bool = True) -> Proof:
+        """A trial and its result; arguments as of ``open_proof``."""
+        plain = replace(trial, arguments={key: value for key, value in trial.arguments.items() if key != "edits"})
+        result, anyway = load(self.out / trial.name), trial.arguments.get("edits_anyway", False)
+        return open_proof(trial.name, plain.recording(), result, self.log(trial.name), anyway=anyway, ahead=ahead)
 
     def is_seen(self, place: str, trial: str, edits: int | None = None) -> bool:
         """Whether a page shows what is open here, with all edits.
@@ -444,6 +455,13 @@ class Desk:
         trial = self.trial(name)
         if earlier_record(self._as_edited(trial), self.options, self.out) is None:
             raise MocapError(f"{name} was changed or corrected since it was tracked: track it first")
+        if kind == "edits":
+            proof = self._proof(trial, ahead=False)
+            with result_folder(self.out / name / "corrections", "corrections", replace=True) as folder:
+                wrote = write_committed(folder / EDITS_OF_MOVEMENT, proof.edits, fps=proof.raw.fps or 1.0)
+                n = len(proof.raw.camera_names)
+                write_label_qc(folder / LABEL_QC, proof.places(), proof.raw.names, cameras=n)
+            return f"wrote {wrote} and the places to check to {self.out / name / 'corrections'}"
         result = load(self.out / name)
         if kind == "page":
             from mocap.rerun.share import write_page

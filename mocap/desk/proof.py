@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from eal.arrays import Array, true_runs
+from eal.arrays import Array
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
 from mocap.cleaning.by_hand import errors_left, with_hand
 from mocap.cleaning.cleaning import clean
+from mocap.desk.label_qc import LABEL_QC, read_label_qc
 from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of, snapped
+from mocap.desk.places import Place, places, unsettled
 from mocap.errors import MocapError
 from mocap.kinematics.records import DOUBTFUL, Rests
 from mocap.reading.decided import decided
@@ -34,78 +36,6 @@ from mocap.skeleton import Bone
 from mocap.tracking.joint_map import map_picture
 from mocap.tracking.potentials import JointPotential
 from mocap.tracking.retrack import AROUND, tracked_again
-
-
-@dataclass(frozen=True, kw_only=True)
-class Place:
-    """Where a correction would settle something.
-
-    Attributes:
-        frame: Row, from 0.
-        marker: Its number.
-        first: First row of the run that a correction settles.
-        last: Its last.
-        worth_m2: Squared error that is expected in the run, summed over its frames.
-        why: In a person's words.
-        camera: In whose image; None: in any.
-    """
-
-    frame: int
-    marker: int
-    first: int
-    last: int
-    worth_m2: float
-    why: str
-    camera: int | None = None
-
-
-def unsettled(tracks: MarkerTracks, measured_m: Array) -> Array:
-    """(T, M) squared error that is expected of each sample, in square metres; NaN where there is no position.
-
-    The trace of its covariance; where a measurement was not believed also the variance of two hypotheses that are a
-    distance d apart and equally likely, d^2 / 4.
-
-    Args:
-        tracks: What was tracked.
-        measured_m: (T, M, 3) what was measured, believed or not; NaN where it was not seen.
-    """
-    apart = np.sum((tracks.xyz_m - measured_m) ** 2, axis=-1)
-    doubted = (tracks.status == Status.REJECTED) & np.isfinite(apart)
-    return np.trace(tracks.cov_m2, axis1=-2, axis2=-1) + np.where(doubted, np.nan_to_num(apart) / 4, 0.0)
-
-
-def places(tracks: MarkerTracks, measured_m: Array, done: NDArray[np.bool_]) -> list[Place]:
-    """Where corrections would settle most, the most first.
-
-    A correction settles the run of frames of its marker that were not measured, or, in a run that was, its frame: of
-    each run the frame with the largest expected error is asked for.
-
-    Args:
-        tracks: What was tracked.
-        measured_m: As of ``unsettled``.
-        done: (T, M) True where a person has been.
-    """
-    worth = unsettled(tracks, measured_m)
-    left = np.isfinite(worth) & ~done
-    measured = tracks.status == Status.MEASURED
-    found = []
-    for m in range(len(tracks.names)):
-        for whole in (False, True):
-            for first, stop in true_runs((measured[:, m] == whole) & left[:, m]):
-                part = worth[first:stop, m]
-                at = int(first + np.argmax(part))
-                n = stop - first
-                total = float(part.max() if whole else part.sum())
-                status = Status(int(tracks.status[at, m]))
-                why = {
-                    Status.MEASURED: "digitised, but uncertain",
-                    Status.REJECTED: "digitised, and not believed: two places are possible",
-                    Status.PREDICTED: f"not seen at an end, {n} frames",
-                }.get(status, f"not seen for {n} frames")
-                bounds = (at, at) if whole else (int(first), int(stop) - 1)
-                found.append(Place(frame=at, marker=m, first=bounds[0], last=bounds[1], worth_m2=total, why=why))
-    # a person works from the top, and the list is made anew after each correction
-    return sorted(found, key=lambda place: -place.worth_m2)[:300]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -228,8 +158,23 @@ class Proof(Pictures):
         return _cleaned(self.raw) if self.ahead is None else self.ahead.result()
 
     def places(self) -> list[Place]:
-        """What is to be looked at next, by how much a correction would settle."""
-        return places(self.tracks, self._measured, self.recording.edited)
+        """What is to be looked at next, by how much a correction would settle.
+
+        What SLEAP flagged, in a table beside the log, stands among them by the same measure; what both name is one.
+        """
+        done, flagged = self.recording.edited, self.log.with_name(LABEL_QC)
+        ours = places(self.tracks, self._measured, done)
+        if not flagged.is_file():
+            return ours
+        worth = unsettled(self.tracks, self._measured)
+        theirs = read_label_qc(flagged, worth, cameras=len(self.raw.camera_names))
+        theirs = [one for one in theirs if not done[one.frame, one.marker]]
+        both = {(one.frame, one.marker): one for one in theirs}
+        ours = [
+            replace(one, why=f"{one.why}; {two.why}") if (two := both.pop((one.frame, one.marker), None)) else one
+            for one in ours
+        ]
+        return sorted([*ours, *both.values()], key=lambda one: -one.worth_m2)
 
     def place(
         self, camera: int, frame: int, marker: int, uv_px: tuple[float, float] | None, *, snap: bool = False
@@ -511,7 +456,9 @@ def _user() -> str:
         return "unknown"
 
 
-def open_proof(name: str, recording: Recording, result: Tracked, log: Path, *, anyway: bool = False) -> Proof:
+def open_proof(
+    name: str, recording: Recording, result: Tracked, log: Path, *, anyway: bool = False, ahead: bool = True
+) -> Proof:
     """Open a trial for proof-reading, with its videos where they lie beside its tracks.
 
     Args:
@@ -520,6 +467,7 @@ def open_proof(name: str, recording: Recording, result: Tracked, log: Path, *, a
         result: What was tracked of them.
         log: The corrections.
         anyway: Whether corrections are taken also where they were made on another recording.
+        ahead: Whether it is cleaned while a person looks.
 
     Raises:
         OtherRecording: they were, and are not to be.
@@ -528,5 +476,5 @@ def open_proof(name: str, recording: Recording, result: Tracked, log: Path, *, a
     found.checked(recording, anyway=anyway)
     pictures = pictures_of(recording)
     solves = decided(pictures.raw).rows is not None and not of_one_camera(pictures.raw)
-    ahead = ThreadPoolExecutor(1).submit(_cleaned, pictures.raw) if solves else None
-    return Proof(name=name, **vars(pictures), result=result, log=log, edits=found.edits, ahead=ahead)
+    cleaning = ThreadPoolExecutor(1).submit(_cleaned, pictures.raw) if solves and ahead else None
+    return Proof(name=name, **vars(pictures), result=result, log=log, edits=found.edits, ahead=cleaning)

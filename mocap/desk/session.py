@@ -11,7 +11,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.desk.pictures import drawn, ellipses, epipolar_lines, listed, moving_box, snapped
-from mocap.desk.proof import Place
+from mocap.desk.places import Place
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.digitising.videos import Videos

@@ -11,13 +11,17 @@ const COLUMNS = [  // title, of a trial, width, class
   { of: "edits", title: "Corr.", value: t => t.edits || "", width: 56, number: true, slim: true },
 ];
 // the odd one out of its session says so where no warning does already
-const wrongs = t => [...t.error ? [t.error] : [], ...t.wrong, ...t.unlike && !t.wrong.includes(t.unlike) ? ["unlike the others: " + t.unlike] : []];
+// and what was found in files that were checked stands there before they are tracked
+const checked = t => t.wrong.length ? [] : (audited[t.name] || []).filter(f => f.alarm).map(f => `${f.kind}: ${f.text}`);
+// the row says whose file it is
+const bare = t => t.files.reduce((text, file) => text.startsWith(file + ": ") ? text.slice(file.length + 2) : text, t.error);
+const wrongs = t => [...t.error ? [bare(t)] : [], ...t.wrong, ...checked(t), ...t.unlike && !t.wrong.includes(t.unlike) ? ["unlike the others: " + t.unlike] : []];
 const digits = (x, unit, n) => typeof x === "number" ? x.toFixed(n) + unit : "";
 const weight = (column, t) => column.weight ? column.weight(t) : typeof t[column.of] === "number" ? t[column.of] : column.value(t);
 
 async function overview() {
   const all = await get("overview");
-  trials = all.trials; commands = { trials: all.command }; same("trials"); work = all.out;
+  trials = all.trials; commands.trials = all.command; if (document.body.dataset.room === "trials" || !document.body.dataset.room) same("trials"); work = all.out;
   // of what this page shows in another room it has seen what it shows there
   for (const [name, n] of Object.entries(all.seen)) if (![info, drawn].some(one => one && one.trial === name)) seen[name] = n;
   if (!trials.some(t => t.name === chosen)) chosen = trials.length ? trials[0].name : "";
@@ -68,10 +72,10 @@ function table() {
     }));
     return row;
   }));
-  $("howmany").textContent = rows.length === trials.length ? `${trials.length} trials` : `${rows.length} of ${trials.length}`;
+  $("howmany").textContent = rows.length === trials.length ? `${trials.length} trial${trials.length === 1 ? "" : "s"}` : `${rows.length} of ${trials.length}`;
 }
 // a long name loses its middle: trials of one day begin alike
-function shortened(name) { return name.length > 24 ? name.slice(0, 8) + "…" + name.slice(-14) : name; }
+function shortened(name) { return name.length > 21 ? name.slice(0, 7) + "…" + name.slice(-12) : name; }
 function pickTrial(name) {
   const focused = document.activeElement && document.activeElement.className === "name";
   chosen = name; table(); details(); same("trials", trials.find(t => t.name === name).command);
@@ -115,7 +119,7 @@ async function audit(t) {
   $("said").textContent = `checking ${t.name} ...`;
   const found = await get("audit?trial=" + encodeURIComponent(t.name)), wrong = found.filter(f => f.alarm).length;
   $("said").textContent = `${t.name}: ${wrong ? wrong + " to be looked at" : "nothing is wrong" + (found.some(f => f.open) ? ", as far as is known" : "")}`;
-  audited = { [t.name]: found };
+  audited = { ...audited, [t.name]: found };
   pickTrial(t.name); count("audits");
 }
 // a trial that cannot be opened, as its corrections are of another recording, is shown with what can be done
@@ -133,7 +137,7 @@ function follow() {
     doing = p.running ? p.doing || {} : {};
     if (running !== Boolean(p.running)) { running = Boolean(p.running); details(); }
     if (p.running) { if (before !== $("done").dataset.n) await overview(); else table(); setTimeout(follow, 500); return; }
-    $("stop").disabled = true; $("track").disabled = false; audited = {};
+    $("stop").disabled = true; $("track").disabled = false; audited = {}; $("said").textContent = "tracking has ended";
     await overview(); count("tracked");
   });
 }

@@ -43,7 +43,8 @@ class FileContents:
         animals: (individual, keypoint) of each marker, where the file holds several individuals or names one.
         score: (C, T, M) confidence of pixels or (T, M) of points, between 0 and 1; None: there is none.
         tables: Other arrays: ``residual_px`` (T, M) and ``residual_m`` (T, M) of points, ``interval`` (T, M, 3) half
-            widths in the unit of the points, ``offset_frames`` (T, C), ``transforms`` (T, M, 4, 4) world from body.
+            widths in the unit of the points, ``edited`` (T, M) 1 where a person corrected it, ``offset_frames`` (T, C),
+            ``transforms`` (T, M, 4, 4) world from body.
         saturated: (T, M) samples whose residual is the largest that the file can hold, until it was judged whether
             they are places (``mocap.io.plausible``); None: the format holds none.
         bodies: Rigid bodies that the file states, in the unit of the points.

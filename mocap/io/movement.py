@@ -31,7 +31,7 @@ def of_dataset(data: Any, path: Path) -> FileContents:
     """
     with damaged(f"{path.name}: not a dataset of movement", "expected what movement saves"):
         # with the names of dimensions of this version, of which none is missing
-        numbers = ("position", "confidence", "origin", "status", "sd", "covariance", "time", "frame")
+        numbers = ("position", "confidence", "edited", "origin", "status", "sd", "covariance", "time", "frame")
         if odd := [name for name in numbers if name in data.variables and data[name].dtype.kind not in "fiub"]:
             raise FormatError(f"{path.name}: {odd[0]} is {data[odd[0]].dtype}, expected real numbers: save it again")
         data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
@@ -72,8 +72,11 @@ def _recording(path: Path, data: Any) -> FileContents:
     common: dict[str, Any] = {"names": names, "frames": frames, "first": 0, "fps": fps, "findings": tuple(findings)}
     common["animals"] = pairs if animals != ["id_0"] else ()
     score = _array(path.name, data, "confidence", order)
+    edited = _array(path.name, data, "edited", order)
+    tables = {} if edited is None or not edited.any() else {"edited": np.any(edited, axis=0).astype(np.float64)}
     if len(axes) == 2:
-        return pixel_recording(path, "movement", cameras=views, uv_px=values, score=score, **common)
+        found = pixel_recording(path, "movement", cameras=views, uv_px=values, score=score, **common)
+        return replace(found, tables=tables)
     if len(views) != 1:
         raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
     origin = _array(path.name, data, "status" if "status" in data else "origin", order)
@@ -94,6 +97,7 @@ def _recording(path: Path, data: Any) -> FileContents:
         score=None if score is None else score[0],
         **common,
     )
+    found = replace(found, tables={**found.tables, **tables})
     scale = metres(path, unit) if unit else 1.0
     if sd is not None:
         return with_sd(found, sd[0] * scale)
@@ -118,7 +122,7 @@ def _array(where: str, data: Any, name: str, order: tuple[str, ...]) -> Array | 
 
 
 def write_movement(path: Path, recording: FileContents) -> None:
-    """Write poses: ``position``, ``confidence``, ``origin`` of points with CF flags; cameras are a dimension ``view``.
+    """Write poses: ``position``, ``confidence``, ``edited``, ``origin`` of points with CF flags; ``view``: cameras.
 
     Raises:
         FormatError: there is nothing to write.
@@ -146,6 +150,9 @@ def write_movement(path: Path, recording: FileContents) -> None:
         if np.isfinite(recording.points.sd_m).any():
             sd = np.transpose(spread(recording.points.sd_m[None] / recording.length_m(path), np.nan), (0, 2, 1, 3))
             table["sd"] = (flat, sd, {"long_name": "standard deviation of the position, root mean square of its axes"})
+    if "edited" in recording.tables:  # of all cameras: a file states it of the animal
+        edited = np.broadcast_to(recording.tables["edited"], (len(views), len(t_s), len(at)))
+        table["edited"] = (flat, np.transpose(spread(edited, 0.0), (0, 2, 1, 3)) > 0)
     coords = {"space": list(axes), "keypoint": parts, "individual": animals, "view": views}
     frames = recording.frames - (int(recording.frames[0]) if recording.fps else 0) if len(recording.frames) else t_s
     coords["time"] = t_s if recording.fps else np.asarray(frames, dtype=np.float64)  # type: ignore[assignment]
@@ -173,7 +180,19 @@ MOVEMENT = Format(
     read=lambda path, _: of_dataset(read_netcdf(path, again=_AGAIN), path),
     write=write_movement,
     holds=frozenset(
-        {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score", "animals"}
+        {
+            "points",
+            "first_frame",
+            "frame_numbers",
+            "pixels",
+            "fps",
+            "unit",
+            "origin",
+            "sd",
+            "score",
+            "animals",
+            "edited",
+        }
     ),
     suffixes=(".nc",),
 )

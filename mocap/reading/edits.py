@@ -372,7 +372,7 @@ def edited(recording: Recording, edits: Sequence[Edit], *, where: str = "edits",
             raise FormatError(f"{where}:{line} {edit.what} of {edit.marker}, frame {edit.frame}: {error}") from None
     if not mask.any():
         return recording
-    changed: dict[str, Any] = {"edited": mask}
+    changed: dict[str, Any] = {"edited": mask | recording.edited}
     changed |= {} if score is None else {"likelihood" if filmed else "confidence": score}
     if filmed:
         by_hand = np.isfinite(placed[..., 0])

@@ -28,10 +28,10 @@ from mocap.io.together import joined, point_names
 from mocap.io.unstated_unit import in_metres
 from mocap.options import FilmedOptions, PathText, ReadOptions, flags_of, options_of, taking
 from mocap.reading.decided import Decided, decided
-from mocap.reading.edits import read_log
+from mocap.reading.edits_of_movement import any_log
 from mocap.reading.ideal_pixels import with_ideal_pixels
 from mocap.reading.whole_picture import counted_from_one, in_whole_picture
-from mocap.recording import Recording, Source, dataset
+from mocap.recording import Recording, Source, dataset, with_variables
 from mocap.records import PixelCorner
 from mocap.skeleton import Skeleton
 from mocap.skeleton_files import is_model, read_skeleton
@@ -93,7 +93,7 @@ def read(tracks: PathText | Sequence[PathText], options: ReadOptions) -> Recordi
             bodies=contents.bodies,
         ),
     ).with_part(replace(how, of_pixels=(*notes, *further), beside=_stored(contents, cameras, files[0], points)))
-    found = found if log is None else read_log(log).replayed(found, anyway=options.edits_anyway)
+    found = found if log is None else any_log(log).replayed(found, anyway=options.edits_anyway)
     return with_ideal_pixels(found, replace(pixels, usual=contents.pixel_origin))
 
 
@@ -288,7 +288,8 @@ def complete(
 def dataset_of(contents: FileContents) -> xr.Dataset:
     """What files hold, as a Dataset: pixels, or positions where there are none."""
     tracks = contents.points if contents.pixels is None else contents.pixels
-    return dataset(
+    edited = contents.tables.get("edited")
+    found = dataset(
         contents.names,
         np.zeros(0) if tracks is None else tracks.t_s,
         pixels=contents.pixels,
@@ -299,6 +300,7 @@ def dataset_of(contents: FileContents) -> xr.Dataset:
         **({} if contents.fps is None else {"fps": contents.fps}),
         **({} if contents.unit is None else {"space_unit": contents.unit}),
     )
+    return found if edited is None or tracks is None else with_variables(found, {"edited": edited > 0})
 
 
 def _whole(files: Sequence[Path], rig: Path | None, hints: Hints) -> FileContents:

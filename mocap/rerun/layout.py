@@ -76,6 +76,20 @@ class Layout:
         """Length of the trails behind moving things."""
         return trail_length(self.n_frames)
 
+    @cached_property
+    def scene_trail_frames(self) -> int:
+        """Of the trails in the scene: what moves fastest leaves one half as long as the animal is."""
+        xyz = self.run.tracks.xyz_m
+        if xyz.shape[1] == 0 or not np.isfinite(xyz).any():
+            return self.trail_frames
+        there = xyz[np.isfinite(xyz).any(axis=(1, 2))]
+        span = np.median(np.linalg.norm(np.nanmax(there, axis=1) - np.nanmin(there, axis=1), axis=-1))
+        steps = np.linalg.norm(np.diff(xyz, axis=0), axis=-1)
+        step = np.quantile(steps[np.isfinite(steps)], 0.9) if np.isfinite(steps).any() else 0.0
+        return (
+            int(np.clip(span / (2 * step), min(5, self.trail_frames), self.trail_frames)) if step else self.trail_frames
+        )
+
 
 def play_fps(n_frames: int) -> float:
     """Frames a second when played: the whole run in a quarter of a minute, if that is no crawl and no blur."""

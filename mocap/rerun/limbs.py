@@ -81,7 +81,7 @@ def pull_view(layout: Layout, name: str) -> rrb.View:
         contents=[paths.SKELETON, f"{paths.MARKERS}/**", paths.child(paths.PULL, name)],
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=eye(scene.centre_m, 1.85 * scene.radius_m, scene.up),
-        trail=(paths.TRAILS, layout.trail_frames),
+        trail=(paths.TRAILS, layout.scene_trail_frames),
     )
 
 

@@ -89,7 +89,7 @@ def _world_view(
         ],
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=eye(scene.centre_m, distance_m, scene.up, follow=paths.FRAMED if follow else None),
-        trail=(paths.TRAILS, layout.trail_frames),
+        trail=(paths.TRAILS, layout.scene_trail_frames),
         frusta=cameras,
         named=paths.SKELETON if named else None,
     )

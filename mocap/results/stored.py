@@ -49,7 +49,8 @@ def markers_dataset(run: Result) -> xr.Dataset:
     - ``status`` (time, keypoint, individual): whether measured, predicted, smoothed (a filled gap), rejected, missing;
       its attributes ``flag_values`` and ``flag_meanings`` name the codes (CF conventions);
     - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file, 2 where a
-      person corrected it (``edited`` in tables).
+      person corrected it (``edited`` in tables);
+    - ``edited`` (time, keypoint, individual): True where it is 2, as movement's own editor states it.
     """
     markers, t_s = run.tracks, run.t_s
     fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0
@@ -70,6 +71,7 @@ def markers_dataset(run: Result) -> xr.Dataset:
             ),
             "status": (sample, markers.status[..., None], flags),
             "repaired": (sample, run.repaired[..., None].astype(np.int8)),
+            "edited": (sample, run.repaired[..., None] == 2),
         },
         coords={
             "time": ("time", t_s, {"units": "s"}),

@@ -1,5 +1,6 @@
 """The desk as a person uses it: a folder is opened, tracked, corrected and passed on, in a real browser."""
 
+import json
 import os
 import shutil
 import signal
@@ -11,6 +12,7 @@ from contextlib import contextmanager
 
 import httpx2
 import numpy as np
+import pandas as pd
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
@@ -139,6 +141,20 @@ def test_a_result_is_passed_on_as_one_page(worked, monkeypatch):
     assert b"<title>flight</title>" in (desk.out / "flight" / "page" / "index.html").read_bytes()
     out = desk.out / "flight"
     assert desk.overview()["trials"][0]["passes"]["page"][1] == f"mocap share {out} --out {out / 'page'} --force"
+
+
+def test_corrections_and_places_are_passed_on(worked):
+    """As movement and SLEAP state them, with the command that does the same for the corrections."""
+    desk, _ = worked
+    said = desk.pass_on("flight", "edits")
+    folder = desk.out / "flight" / "corrections"
+    assert said == f"wrote 0 of 0 corrections and the places to check to {folder}"
+    assert json.loads((folder / "edits.json").read_text()) == []
+    listed = pd.read_csv(folder / "qc_results.csv")
+    assert listed["score"].max() == 1
+    assert listed["marker"].iloc[0] == "hand"
+    command = f"mocap convert {desk.log('flight')} {folder / 'edits.json'} --force"
+    assert desk.overview()["trials"][0]["passes"]["edits"][1] == command
 
 
 def test_places_are_ranked_by_what_a_click_settles(worked):
@@ -543,3 +559,31 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
         range(1, kept + 1)
     )
     assert kept == 9
+
+
+@pytest.mark.rare
+@pytest.mark.skipif(os.name != "posix", reason="a terminal's Ctrl-C reaches a group of processes")
+@pytest.mark.parametrize("after_s", [0.0, 1.0, 3.0])
+def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path, after_s):
+    """Ctrl-C reaches the processes that import and read, too; all end with one line."""
+    words = ["desk", str(scene.folder), "--calibration", str(scene.folder / "calibration.toml"), "--fps", str(FPS)]
+    script = (
+        f"import sys; from mocap.cli.main import main; sys.argv = {['mocap', *words, '--out', str(tmp_path)]}; main()"
+    )
+    environment = {**os.environ, "BROWSER": "true"}
+    with subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        env=environment,
+    ) as run:
+        assert run.stdout is not None
+        assert run.stdout.readline().startswith("The desk is at ")
+        time.sleep(after_s)
+        os.killpg(run.pid, signal.SIGINT)
+        said = run.stdout.read()
+        assert run.wait() == 0
+    assert "Traceback" not in said
+    assert said.splitlines()[-1].startswith("The desk ended (SIGINT)")

@@ -9,7 +9,8 @@ import pytest
 
 from mocap.cameras.camera import record
 from mocap.cameras.origin import PixelOptions
-from mocap.desk.proof import Proof, places
+from mocap.desk.places import places
+from mocap.desk.proof import Proof
 from mocap.kinematics.records import Rests
 from mocap.reading.edits import read_edits
 from mocap.reading.ideal_pixels import of_pixels

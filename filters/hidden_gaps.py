@@ -10,7 +10,17 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.hide import Hidden, excerpt, hide_neighbours, hide_own, lengths_for
 from mocap.filters.interpolate import interpolated
 from mocap.filters.models.articulated import ArticulatedSettings
-from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn, shares
+from mocap.filters.models.base import (
+    Call,
+    CallAll,
+    Progress,
+    TrajectoryModel,
+    TrialSet,
+    estimate,
+    in_turn,
+    shares,
+    with_effort,
+)
 from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import PositionObservations
@@ -66,16 +76,19 @@ class HiddenGaps:
     hidden: Sequence[tuple[int, Hidden[MarkerTrial]]]
     tell: Callable[[str], None] = lambda _line: None
 
-    def fill(self, models: Sequence[TrajectoryModel], call_all: CallAll = in_turn) -> tuple[Residuals, ...]:
-        """Fill all of them by each model, learned without them."""
-        return self.together(call_all(self.calls(models), None), models)
+    def fill(
+        self, models: Sequence[TrajectoryModel], call_all: CallAll = in_turn, progress: Progress | None = None
+    ) -> tuple[Residuals, ...]:
+        """Fill all of them by each model, learned without them; ``progress`` is called with the share done."""
+        return self.together(call_all(self.calls(models), progress), models)
 
     def calls(self, models: Sequence[TrajectoryModel]) -> list[Call]:
         """One for each trial that fills it by each model; what is shared by models is kept for it."""
         out: list[Call] = []
         for index, gaps in self.hidden:
             others = [trial for i, trial in enumerate(self.trials) if i != index]
-            out.append(partial(_filled, models, others, self.anatomy, gaps))
+            effort = len(gaps.trial.t_s) * sum(model.effort for model in models)
+            out.append(with_effort(partial(_filled, models, others, self.anatomy, gaps), effort))
         return out
 
     def together(self, found: Sequence[list[Residuals]], models: Sequence[TrajectoryModel]) -> tuple[Residuals, ...]:
@@ -118,7 +131,7 @@ def _filled(
     trials = TrialSet([*others, shown], anatomy)
     seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
     shows = trials.rigid.filled[gaps.mask]  # these are not filled by models that are mixed
-    for model, tell in zip(models, shares(progress, len(models)), strict=True):
+    for model, tell in zip(models, shares(progress, [model.effort for model in models]), strict=True):
         filled = estimate(model, trials, seen, progress=tell)
         found = residuals_of(gaps, filled.xyz_m, filled.cov_m2)
         out.append(found if shows.all() else found.some(~shows))

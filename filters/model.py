@@ -20,7 +20,17 @@ from mocap.filters.hidden_gaps import (
 )
 from mocap.filters.hide import gap_lengths, nearest_length
 from mocap.filters.mixture import Mixture, crossed, learn_mixture, mixed_residuals
-from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
+from mocap.filters.models.base import (
+    OF_PIXELS,
+    Call,
+    CallAll,
+    Progress,
+    TrajectoryModel,
+    TrialSet,
+    estimate,
+    in_turn,
+    with_effort,
+)
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
@@ -79,6 +89,7 @@ def learn_model(
     models: Sequence[TrajectoryModel] = MODELS,
     effort: Effort = USUAL_EFFORT,
     tell: Callable[[str], None] = lambda _line: None,
+    progress: Progress | None = None,
     call_all: CallAll = in_turn,
 ) -> LearnedModel:
     """Learn from trials; how motion models are mixed is learned on gaps hidden in these.
@@ -93,6 +104,7 @@ def learn_model(
         models: Motion models; the last is a filter.
         effort: How much is hidden.
         tell: Called with a line for each trial that is filled.
+        progress: Called with the share of the hidden gaps that is filled.
         call_all: Makes the calls that do not wait for each other.
 
     Raises:
@@ -108,7 +120,7 @@ def learn_model(
         )
     tell("settings are learned from all recordings")
     tuned = tuple(model.tuned(every) for model in models)
-    residuals = gaps.fill(tuned, call_all)
+    residuals = gaps.fill(tuned, call_all, progress)
     mixture = learn_mixture(residuals)
     return LearnedModel(
         names=tuple(names),
@@ -419,8 +431,9 @@ def _estimates(
 ) -> tuple[Members, list[tuple[Residuals, ...]]]:
     """What all models say of the last trial, and what models miss hidden samples by."""
     wanted = [None] * (len(models) - 1) + [rate_points]
+    effort = OF_PIXELS * observations.n_frames
     whole: list[Call] = [
-        partial(estimate, model, trials, observations, rate_points=points)
+        with_effort(partial(estimate, model, trials, observations, rate_points=points), effort * model.effort)
         for model, points in zip(models, wanted, strict=True)
     ]
     parts = [gaps.calls(fill) for gaps, fill in hidden]

@@ -404,23 +404,24 @@ def call_all(calls: Sequence[Call], progress: Progress | None = None) -> list[An
     Calls whose process died, as where memory is used up, are made once more in this one.
 
     Args:
-        calls: See ``Call``.
+        calls: See ``Call``; one that says its ``effort`` counts for so much.
         progress: Called with the share done of all of them together.
     """
-    there = _POOL.get()
+    there, efforts = _POOL.get(), [getattr(call, "effort", 1.0) for call in calls]
     if there is None or len(calls) < 2:
-        return [call(progress=_share(progress, i, len(calls))) for i, call in enumerate(calls)]
+        return [call(progress=_share(progress, i, efforts)) for i, call in enumerate(calls)]
     ended: dict[int, Future[Any]] = {}
     with suppress(NoProcess):
         for i, future in there.each(dict(enumerate(calls)), tries=1):
             ended[i] = future
             if progress is not None:
-                progress(len(ended) / len(calls))
+                progress(sum(efforts[i] for i in ended) / sum(efforts))
     lost = [i for i in range(len(calls)) if i not in ended or isinstance(ended[i].exception(), Lost)]
     if lost:
         there.close()  # that this one has the memory
     return [call(progress=None) if i in lost else ended[i].result() for i, call in enumerate(calls)]
 
 
-def _share(progress: Progress | None, part: int, count: int) -> Progress | None:
-    return None if progress is None else lambda share: progress((part + share) / count)
+def _share(progress: Progress | None, part: int, efforts: Sequence[float]) -> Progress | None:
+    before, whole = sum(efforts[:part]), sum(efforts)
+    return None if progress is None else lambda share: progress((before + share * efforts[part]) / whole)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy, Limb
@@ -10,7 +11,7 @@ from mocap.filters.bones import RIGID
 from mocap.filters.errors import FilterError
 from mocap.filters.independent import FEWEST_FRAMES, INDEPENDENT
 from mocap.filters.joint_types import Articulation, joints_of
-from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.models.base import POSED, FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.limbs import held_together, known_poses, sides
 from mocap.filters.models.pose import WEIGHT, PoseSettings, learn_pose, recorded_motion
 from mocap.filters.motion.articulated import ArticulatedMotion
@@ -50,6 +51,7 @@ class ArticulatedSettings(TrajectoryModel):
             the segments keep.
     """
 
+    effort: ClassVar[float] = POSED
     pose: PoseSettings = ANGLES
 
     @property

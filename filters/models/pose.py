@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
 from mocap.filters.groups import MOST_MARKERS, groups_of, part_of, smooth_in_groups
-from mocap.filters.models.base import FittedMotion, Progress, TrajectoryModel, TrialSet
+from mocap.filters.models.base import POSED, FittedMotion, Progress, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
@@ -79,6 +79,7 @@ class PoseSettings(TrajectoryModel):
         covariance: Of the regression (``fill_delayed``).
     """
 
+    effort: ClassVar[float] = POSED
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
     process_noise: float = 0.0
     potential: Potential = "limb motion"

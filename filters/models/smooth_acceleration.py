@@ -116,7 +116,7 @@ class WeightedMotion(FittedMotion):
             FittedMotion(part.motion, self.t_s, self.rigid).fill(
                 noisier(observations, part.noise), rate_points=rate_points, progress=tell
             )
-            for part, tell in zip(self.parts, shares(progress, len(self.parts)), strict=True)
+            for part, tell in zip(self.parts, shares(progress, [1.0] * len(self.parts)), strict=True)
         ]
         return weighted(every, np.array([part.share for part in self.parts]))
 

@@ -45,7 +45,7 @@ def kinematics(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Angles, velocities, accelerations, lengths, areas and strokes of a tracked run, each with its deviation."""
+    """Angles, velocities, accelerations, lengths, areas and strokes of a tracked run, each with its SD."""
     import mocap
     from mocap.errors import MocapError
     from mocap.io.output import result_folder

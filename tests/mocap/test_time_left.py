@@ -1,10 +1,14 @@
 """The time that is said to be left of a whole, beside what was left: traces of real runs, processor seconds."""
 
+from functools import partial
+
 import pytest
+from mocap.filters.models.base import in_turn, shares, with_effort
 
 from docs import build
 from mocap.cli import design_joint
 from mocap.progress import as_one
+from mocap.side_by_side import call_all
 
 DESIGN = (
     (11.3, "shape the truss", 0.083),
@@ -44,3 +48,20 @@ def test_a_stage_that_is_not_in_the_list_moves_nothing():
         tell(stage, share)
     assert shares == [0.125, 0.25, 0.625]
     assert min(build.SECONDS.values()) > 0
+
+
+def half_and_whole(*, progress):
+    """A call that tells twice how far it is."""
+    progress(0.5)
+    progress(1.0)
+
+
+@pytest.mark.parametrize("caller", [in_turn, call_all])
+def test_a_call_counts_for_the_time_that_it_takes(caller):
+    """One of four times the effort is four fifths of both; calls that say nothing count alike."""
+    for efforts, wanted in (((4.0, 1.0), [0.4, 0.8, 0.9, 1.0]), ((None, None), [0.25, 0.5, 0.75, 1.0])):
+        said = []
+        calls = [partial(half_and_whole) if e is None else with_effort(partial(half_and_whole), e) for e in efforts]
+        caller(calls, said.append)
+        assert said == pytest.approx(wanted)
+    assert shares(None, [1.0, 2.0]) == [None, None]

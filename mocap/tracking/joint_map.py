@@ -19,7 +19,7 @@ NEVER = 0.9
 """Where it is higher the joint was never near."""
 GRID, FAR = 121, 0.999
 """Points along an edge of the map, and the potential from which on no other recording would make it an edge."""
-DRAWS = {"resamples": 24, "max_rank": 200}
+RESAMPLES, RANK = 24, 200
 """What its interval is made of: the standard deviations of joints of a bat are known to 20 % then, to 16 with twice."""
 BIN_DEG = 5.0
 """Width of the bars that say how often the joint was at an angle."""
@@ -93,7 +93,8 @@ def joint_map(joint: str, potential: EmpiricalPotential, samples_m: Array, scale
     q = np.stack(np.meshgrid(x, y), axis=-1) / (1e3 * scale_m)
     value = potential.value(q)
     near, sd = value < FAR, np.zeros_like(value)
-    sd[near] = value_deviation(potential, q[near], rng=np.random.default_rng(0), **DRAWS)  # the same picture each time
+    rng = np.random.default_rng(0)  # the same picture each time
+    sd[near] = value_deviation(potential, q[near], rng=rng, resamples=RESAMPLES, max_rank=RANK)
     ends = [_lines(x, y, value + sign * Z95 * sd) for sign in (-1, 1)]
     return JointMap(
         name=words(joint),

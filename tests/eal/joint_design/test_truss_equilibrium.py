@@ -54,6 +54,7 @@ def test_springs_in_series_are_one_spring():
     assert found.found.all()
 
 
+@pytest.mark.rare
 def test_energy_is_that_of_a_simplex_search(rng):
     """Nelder and Mead's simplex, without derivatives, ends within 1e-10 J of the same minimum from the same start."""
     truss, q = braced(rng), 0.8 * rng.standard_normal(3)

@@ -40,6 +40,7 @@ def test_rooms_parts_and_variables_are_on_the_page(page):
     assert "`believed`" in page
 
 
+@pytest.mark.rare
 def test_the_way_goes_through_the_rooms(page):
     """Reading asks the formats, cleaning triangulates, tracking runs the one filter; all with what they say."""
     verbs = dict(re.findall(r"^### (\w+)$(.*?)(?=^###|\Z)", page, re.MULTILINE | re.DOTALL))

@@ -28,6 +28,10 @@ USUAL_WIDTH = 4.0
 """Beta times the median squared distance, where nothing is known of a potential's use; ``eal.choose`` looks for it."""
 USUAL_LAMBDA = 1e-3
 """Spectral filtering parameter there."""
+ROUNDING = float(np.finfo(np.float64).eps) / 2
+"""1 less this is 1."""
+MANY = 64
+"""Of so many points those far from all samples are looked for, and not computed."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,7 +123,17 @@ class EmpiricalPotential:
         return self._at(self._value, q)
 
     def _value(self, q: Array) -> Array:
-        a = self.kernel.gram(q, self.centres) @ self.root
+        k = self.kernel.gram(q, self.centres)
+        if len(q) < MANY:
+            return self._of_kernels(k)
+        # |B^T k|^2 <= |B|^2 |k|^2: most of a map is so far from all samples that V is 1 to the last digit
+        near = np.einsum("nm,nm->n", k, k) * np.einsum("mr,mr->", self.root, self.root) > ROUNDING
+        value = np.ones(len(q))
+        value[near] = self._of_kernels(k[near])
+        return value
+
+    def _of_kernels(self, k: Array) -> Array:
+        a = k @ self.root
         return np.maximum(1.0 - np.einsum("nr,nr->n", a, a), 0.0)  # rounding below 0 is cut
 
     def gradient(self, q: ArrayLike) -> Array:

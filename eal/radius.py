@@ -28,6 +28,7 @@ def value_deviation(
     trials: Sequence[int] | None = None,
     block: int | None = None,
     resamples: int = 40,
+    max_rank: int = 300,
 ) -> Array:
     """Standard deviation of V_z at each point, from other recordings of the kind that it was learned from.
 
@@ -38,6 +39,7 @@ def value_deviation(
         trials: Numbers of samples of the trials, which are drawn whole. None: blocks of consecutive samples.
         block: Samples in a block; None: N over the effective sample size.
         resamples: Number of resamples: 40 know a standard deviation to 11 %.
+        max_rank: Functions that V_z is made of here at most; see ``resampled_values``.
 
     Returns:
         (...) standard deviations.
@@ -45,7 +47,9 @@ def value_deviation(
     Raises:
         ValueError: trials whose samples are not N together, a block outside 1 .. N, or points of another dimension.
     """
-    middle, values = resampled_values(potential, q, rng=rng, block=block, trials=trials, resamples=resamples)
+    middle, values = resampled_values(
+        potential, q, rng=rng, block=block, trials=trials, resamples=resamples, max_rank=max_rank
+    )
     return np.sqrt(((values - middle) ** 2).mean(axis=0)).reshape(np.shape(q)[:-1])
 
 
@@ -96,14 +100,19 @@ def resampled_values(
     resamples: int,
     block: int | None = None,
     trials: Sequence[int] | None = None,
+    max_rank: int = 300,
 ) -> tuple[Array, Array]:
-    """(n,) V of all samples and (resamples, n) V of what is drawn, at the points; see ``value_deviation``."""
+    """(n,) V of all samples and (resamples, n) V of what is drawn, at the points; see ``value_deviation``.
+
+    Each costs the eigenvectors of a matrix of ``max_rank``. Joints of a bat: 200 moves their deviations by 3 % (rms),
+    120 makes them a quarter too small.
+    """
     z, n = potential.samples, len(potential.samples)
     at = points("q", q, potential.dimension).reshape(-1, potential.dimension)
     if trials is not None and sum(trials) != n:
         raise ValueError(f"trials must have {n} samples together, as the potential, but have {sum(trials)}")
     lam = potential.sigma_lambda
-    factor = pivoted_cholesky(potential.kernel, z, tolerance=1e-4 * lam, max_rank=300)
+    factor = pivoted_cholesky(potential.kernel, z, tolerance=1e-4 * lam, max_rank=max_rank)
     rows = factor.rows
     features = np.linalg.solve(factor.corner, potential.kernel.gram(z[factor.pivots], at)).T
 

@@ -29,6 +29,7 @@ def test_every_room_stands_above_all_that_it_imports():
     assert dashed == len({package for one in SATELLITES.values() for package in one.packages} - {"eal.joint_design"})
 
 
+@pytest.mark.rare
 def test_rooms_parts_and_variables_are_on_the_page(page):
     """Each room with its sentence, each part with its step."""
     for name in house.imported():
@@ -39,6 +40,7 @@ def test_rooms_parts_and_variables_are_on_the_page(page):
     assert "`believed`" in page
 
 
+@pytest.mark.rare
 def test_the_way_goes_through_the_rooms(page):
     """Reading asks the formats, cleaning triangulates, tracking runs the one filter; all with what they say."""
     verbs = dict(re.findall(r"^### (\w+)$(.*?)(?=^###|\Z)", page, re.MULTILINE | re.DOTALL))

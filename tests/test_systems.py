@@ -172,6 +172,7 @@ def test_every_system_can_hold_the_files():
     assert max(map(len, names)) < 180  # of 260, with the folder of a clone before
 
 
+@pytest.mark.rare
 def test_the_workflow_of_the_three_systems_is_right():
     """By actionlint, where it is installed or Go can run it."""
     tool = [shutil.which("actionlint")] if shutil.which("actionlint") else []

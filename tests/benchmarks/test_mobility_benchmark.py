@@ -26,6 +26,7 @@ def test_poses_fill_their_cone(step):
     assert np.mean(swing < 30.0) == pytest.approx(volume(30.0, 30.0) / volume(60.0, 30.0), abs=0.03)
 
 
+@pytest.mark.rare
 def test_a_row_says_how_often_the_cone_was_held():
     """Two draws of a small one: near its truth, with an interval on either side of the estimate."""
     row = held(30.0, 30.0, 5, 60, None, draws=2)

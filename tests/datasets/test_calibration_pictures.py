@@ -126,6 +126,7 @@ def test_what_shows_no_front_of_a_board_is_no_picture():
     assert photograph(finder, CHECKERS, texture, rotation=rotation, translation_m=back, **options) is None
 
 
+@pytest.mark.rare
 def test_a_session_is_pictures_by_camera_and_instant_with_their_truth(tmp_path):
     """Pictures of one name are one instant in all cameras; the truth's corners are in the pictures; bytes repeat."""
     cameras = RIGS["tank"]

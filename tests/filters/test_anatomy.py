@@ -101,6 +101,7 @@ NAMES = ("a", "b", "c", "d", "knee_l", "foot_l", "knee_r", "foot_r")
 BONES = (("a", "knee_l"), ("knee_l", "foot_l"), ("b", "knee_r"), ("knee_r", "foot_r"))
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize("potential", ["limbs", "limb motion"])
 def test_limbs_hold_the_pose(potential):
     """A potential a leg, learned from both: it reads differences of the model's own markers and velocities.
@@ -145,6 +146,7 @@ def model_tau(settings, trials):
     return pytest.approx(np.sqrt(z.var(axis=0).sum() / rate.var(axis=0).sum()), rel=0.05).expected
 
 
+@pytest.mark.rare
 def test_without_limbs_the_whole_pose_is_held():
     """Where the skeleton names no bones that leave the trunk."""
     trials = TrialSet([walker(1, 120)], Anatomy((0, 1, 2, 3)))

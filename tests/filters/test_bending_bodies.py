@@ -57,6 +57,7 @@ def trial(seed, shoe, frames=slice(0, 300)):
     return MarkerTrial(name=str(seed), t_s=tracks.t_s[: len(xyz)], xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 2e-4))
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(("shoe", "most"), [(STIFF, 1.05), (Shoe(bend_rad=0.2), 0.75)])
 def test_trials_say_how_far_a_shoe_bends(shoe, most):
     """120 frames of which 50 are hidden: three other trials make a shoe that bends a quarter nearer, a stiff one none.
@@ -82,6 +83,7 @@ def test_trials_say_how_far_a_shoe_bends(shoe, most):
     assert 0.7 < np.sqrt(np.mean(z[1])) < 1.4
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize("shoe", [STIFF, Shoe(bend_rad=0.2)])
 def test_a_body_makes_no_marker_worse(shoe):
     """Each marker of the shoe once, in 50 dark frames: not worse by more than a standard error, deviations right."""

@@ -76,6 +76,7 @@ def flown(pose, size, seed):
     return body_of(pose, ahead, 2), (turned, position + DT_S * velocity, spin, velocity)
 
 
+@pytest.mark.rare
 @given(seed=st.integers(0, 1000))
 def test_the_body_flies_on_with_constant_velocity_in_the_world(seed):
     """However the path curves, position and both velocities go on exactly.
@@ -103,6 +104,7 @@ def test_steps_of_any_time_are_their_own():
         np.testing.assert_allclose(found.cov, fresh.cov, rtol=0, atol=1e-9)
 
 
+@pytest.mark.rare
 @given(seed=st.integers(0, 1000))
 def test_turns_go_on_to_second_order(seed):
     """The orientation misses by the square of the deviation while the path turns little: a tenth of it, a hundredth.

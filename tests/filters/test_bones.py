@@ -180,6 +180,7 @@ def arm(seed, n_frames=160):
     return MarkerTrial(name=f"arm{seed}", t_s=t, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 2e-4)), truth
 
 
+@pytest.mark.rare
 def test_a_hidden_elbow_keeps_its_distances():
     """An elbow hidden for half a swing or more, in a trial of which two others are known: nearer with bones.
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Smoothed
 from mocap.filters.models.pose import PoseSettings, learn_pose
@@ -38,6 +39,7 @@ def beating(rng, n_frames, rate_hz=100.0):
     return trial, xyz
 
 
+@pytest.mark.rare
 def test_a_second_in_the_dark_is_stated_as_such():
     """The limb's intervals hold through six beats in the dark, and become as wide as its whole motion.
 

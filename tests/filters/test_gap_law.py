@@ -74,6 +74,7 @@ def straight(t, x):
     return lambda at: np.stack([np.interp(at, t, column) for column in x.T], axis=-1)
 
 
+@pytest.mark.rare
 def test_gaps_are_filled_better_than_people_do_today(filled):
     """In the recording's own gaps: under half the error of linear, cubic, and of constant velocity for each marker.
 

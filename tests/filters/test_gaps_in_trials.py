@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.hidden_gaps import Effort, HiddenGaps, hidden_gaps
 from mocap.filters.hide import Hidden
@@ -23,6 +24,7 @@ def trial_of(seed, n_frames=120, lost=None):
     return MarkerTrial(name=f"flap{seed}", t_s=np.arange(n_frames) * DT_S, xyz_m=xyz, sd_m=sd)
 
 
+@pytest.mark.rare
 def test_nothing_of_a_hidden_sample_reaches_learning():
     """Hidden samples that lie a metre off are filled in the same places, to the last bit, with the same covariance.
 

@@ -86,6 +86,7 @@ def test_the_posterior_is_the_conditional_density(seed):
         np.testing.assert_allclose(variance[:, column], scale2 * left, rtol=1e-6)
 
 
+@pytest.mark.rare
 def test_amplitudes_are_those_of_the_highest_likelihood():
     """Drawn from a known process of 3 x 150 rows: found again; a linear world is not called curved, nor the reverse.
 
@@ -109,6 +110,7 @@ def test_amplitudes_are_those_of_the_highest_likelihood():
     assert own == pytest.approx(peer.log_marginal_likelihood_value_, abs=1.0)
 
 
+@pytest.mark.rare
 def test_a_bent_world_is_seen_as_bent():
     """A circle's other coordinate: a straight line explains nothing of y = x^2, the curved part nearly all."""
     rng = np.random.default_rng(4)

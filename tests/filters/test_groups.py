@@ -29,6 +29,7 @@ def bat():
     return model, PositionObservations(xyz_m=xyz, sd_m=trial.sd_m), film.truth
 
 
+@pytest.mark.rare
 def test_groups_are_all_markers_once(bat):
     """About equal in size; limbs that fit stay together."""
     model, _, _ = bat
@@ -38,6 +39,7 @@ def test_groups_are_all_markers_once(bat):
     assert len(groups_of(model, 34)) == 1
 
 
+@pytest.mark.rare
 def test_one_group_is_the_filter_of_all(bat):
     """The same operations on arrays that lie otherwise in memory: equal to rounding."""
     model, seen, truth = bat
@@ -73,6 +75,7 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     assert np.median(apart / sd) < 2.0  # the mean's velocity, from both groups together
 
 
+@pytest.mark.rare
 def test_the_process_noise_is_judged_by_groups(bat, monkeypatch):
     """Of half of the markers each, it is within a factor of 4, one step of the search, of what all say together."""
     model, seen, truth = bat

@@ -20,6 +20,7 @@ def bat():
     return seen_part(prepared)
 
 
+@pytest.mark.rare
 def test_limbs_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """State, covariance, V_z and pull of each frame are those of the model at its smoothed state.
 
@@ -65,12 +66,14 @@ def barrier(limb, q):
     return float(limb.potential.barrier_value(q))
 
 
+@pytest.mark.rare
 def test_nothing_is_kept_where_nothing_is_asked(bat):
     part = bat
     model = learn_motion(part, PoseSettings(ranks=(4,), regression=0, potential="none"))
     assert not LimbKeeper.of(model.motion, part.names)
 
 
+@pytest.mark.rare
 def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential(bat):
     """A map for each limb, V_z low where it was; the pull is how markers move with minus the gradient by the angles."""
     part = bat

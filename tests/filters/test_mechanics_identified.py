@@ -28,6 +28,7 @@ def oscillation(rng, n_frames=400, *, noise=20.0, trials=3):
     return joined(parts, DT_S)
 
 
+@pytest.mark.rare
 def test_a_damped_oscillator_is_recovered_to_its_standard_error():
     """Errors of stiffness, damping and force over their standard errors have unit variance, over 60 recordings.
 

@@ -222,6 +222,7 @@ def test_widths_make_errors_what_is_stated(wrong):
         assert np.sqrt(np.mean(part.error_m**2 / part.variance)) == pytest.approx(1, abs=0.13)
 
 
+@pytest.mark.rare
 def test_few_gaps_give_intervals_of_students_t():
     """Gaps of which each is one error: over 60 draws of three 95 % intervals of two models hold 95 %.
 

@@ -37,6 +37,7 @@ def lost():
     return trial, seen, both
 
 
+@pytest.mark.rare
 def test_a_lost_wing_is_found_by_the_mixture(lost):
     """Nearer than by constant velocity, within 2 mm of the 20 that it deviates by, with an interval that says so."""
     gap, (trial, seen, both) = slice(40, 70), lost
@@ -58,6 +59,7 @@ def test_what_is_seen_is_the_filter_s_own(lost):
     np.testing.assert_array_equal(found.cov_m2[trial.seen], alone.cov_m2[trial.seen])
 
 
+@pytest.mark.rare
 def test_the_gaps_that_teach_a_mixture_score_it(lost):
     """The track is the same; errors in hidden gaps are of curves, of both members, and of the mixture, in order."""
     trial, seen, first = lost

@@ -106,6 +106,7 @@ def hide_one_at_a_time(simulated, length):
     return replace(simulated.trial, xyz_m=np.where(hidden[..., None], np.nan, simulated.trial.xyz_m)), hidden
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(("noise_m", "slip_m"), [(3e-4, 0.0), (1e-4, 3e-4), (1e-6, 3e-4)])
 def test_a_hidden_marker_is_where_the_others_have_it(noise_m, slip_m):
     """Errors at most 5 % above a plain rigid fit's, and rms 0.7 to 1.2 of what is stated.

@@ -7,6 +7,7 @@ from mocap.filters.trajectory import Quadratic, covariance, factor, most_probabl
 from tests.reference.circle_posterior import SEEN, Circle, drawn, exact, potential
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(("walk", "weight", "gap"), [(0.06, 300, 30), (0.15, 30, 20), (0.06, 300, 60)])
 def test_deviations_in_a_long_curved_gap_are_the_exact_ones(walk, weight, gap):
     """An exact posterior on a grid: deviations agree to 15 %, means to half a deviation.

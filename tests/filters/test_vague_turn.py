@@ -49,6 +49,7 @@ def over_stated(sd_rad, seen):
     return np.sqrt([found[:, :seen].mean(), found[:, seen:].mean()])
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize("seen", [3, 5])
 @pytest.mark.parametrize("sd_rad", [0.05, 0.15, 0.3, 0.8])
 def test_errors_are_as_stated_whatever_the_turn_was(sd_rad, seen):

@@ -292,6 +292,7 @@ def test_no_folder_for_temporary_files_is_needed(tmp_path, monkeypatch):
     np.testing.assert_array_equal(read(tmp_path / "a.h5").points.xyz_m, whole)
 
 
+@pytest.mark.rare
 def test_an_ascii_terminal_changes_nothing_that_is_read(tmp_path):
     """In the locale C, without Python's UTF-8 mode, names of markers and files are what they are elsewhere."""
     xyz = np.arange(18.0).reshape(3, 2, 3)

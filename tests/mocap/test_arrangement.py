@@ -70,6 +70,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(
     ("fault", "lens"), [*((fault, False) for fault in FAULTS), ("mirrored", True), ("exchanged", True)]
 )
@@ -238,6 +239,7 @@ def odd_principal_points(cameras):
     return tuple(found)
 
 
+@pytest.mark.rare
 def test_flipped_cameras_are_named_where_principal_points_tell_no_height():
     """Both of them, with the height that was found to 1 %, and what states it.
 

@@ -29,6 +29,7 @@ def motion():
     return wide, 0.01 * rng.normal(size=(120, 3))
 
 
+@pytest.mark.rare
 def test_axes_do_not_matter(motion):
     """With other axes of child and parent V_z has the same values at the same poses; with more whole turns, too."""
     rotation, shift = motion

@@ -57,6 +57,7 @@ def wand_files(folder: Path, *, flip: bool = False):
     return cameras
 
 
+@pytest.mark.rare
 @pytest.mark.slow
 def test_images_of_a_board_as_files(mocap, tmp_path):
     """Two cameras stand as far apart as they did, to 1 %; with known lenses these stay as they are."""

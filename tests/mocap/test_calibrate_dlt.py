@@ -68,6 +68,7 @@ def test_places_beside_each_other_are_refused(seed):
         fit_dlt("cam1", points, clicked(rng, points))
 
 
+@pytest.mark.rare
 def test_the_gain_is_that_of_repeated_clicking(rng):
     """Between points pixels scatter over 200 clickings by the gain at most."""
     points = cloud(rng, 7)

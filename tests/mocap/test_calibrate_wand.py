@@ -118,6 +118,7 @@ def test_easywands_own_numbers(name):
     assert score == pytest.approx(wand.wand_score, abs=5e-4)
 
 
+@pytest.mark.rare
 def test_our_bundle_beside_easywands():
     """Wands that our fit did not see vary no more than in easyWand's calibration, which saw them.
 

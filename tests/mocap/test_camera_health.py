@@ -110,6 +110,7 @@ def test_two_cameras_cannot_tell():
         assert np.isnan(found.level_px).all()
 
 
+@pytest.mark.rare
 def test_a_bad_camera_is_no_worse_than_none(tmp_path):
     """Points of the whole preparation are as near to the truth as without the bumped camera, to 3 %; 0.5 % may go.
 

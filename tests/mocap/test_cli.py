@@ -323,6 +323,7 @@ def test_figures_of_the_paper(mocap, tmp_path, monkeypatch):
     assert "14a" in err
 
 
+@pytest.mark.rare
 def test_figure_7_is_drawn_for_a_real_bat_too(mocap, tmp_path):
     """Where the recording lies, its elbow gives a potential of its own."""
     folder = real("bat_windtunnel_dltdv8").parent

@@ -33,6 +33,7 @@ def both(tmp_path_factory):
     return result, folder
 
 
+@pytest.mark.rare
 def test_a_result_of_the_format_before_is_read(both):
     """Data, potentials, findings and report are those that were saved; it is saved as one of this format."""
     result, folder = both

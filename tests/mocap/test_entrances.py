@@ -40,7 +40,12 @@ def bodies(path):
     path.write_text("\n".join([",".join(f"Jaw_{entry}_50Hz" for entry in entries), *rows]) + "\n")
 
 
-@pytest.fixture(params=TABLE)
+def _rare(name: str) -> bool:
+    """Positions and calibrated pixels go through all commands, which takes half a minute each."""
+    return name in ("positions", "pixels of several cameras, calibrated")
+
+
+@pytest.fixture(params=[pytest.param(one, marks=pytest.mark.rare) if _rare(one) else one for one in TABLE])
 def kind(request, tmp_path):
     """A kind of recording; its file in a folder of its own, and what is stated of it."""
     lab = tmp_path / "lab"

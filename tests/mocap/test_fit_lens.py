@@ -97,6 +97,7 @@ def scene(rng, spread_m):
     return bare, (lens.distort(ideal) + rng.normal(0, 0.5, ideal.shape)).reshape(3, 30, 10, 2)
 
 
+@pytest.mark.rare
 def test_the_coefficient_is_as_well_known_as_it_says():
     """Five seeds: errors of k1 within 2.36 deviations (Student's t of seven degrees) but for one at most."""
     z = []
@@ -129,6 +130,7 @@ def test_cameras_that_have_lenses_keep_them():
         of_pixels(pixels, ring(3, lens=True), name="a", options=options)
 
 
+@pytest.mark.rare
 def test_a_fitted_lens_is_a_profile_that_other_trials_take(tmp_path):
     """Written with the result; with it the pixels need no lens: the same points to a tenth of a millimetre."""
     bent_flight(tmp_path)

@@ -46,6 +46,7 @@ def test_a_rate_that_replaces_another_is_told():
     assert not rate_findings(XYZ, 700.0, playback=False, in_file=700.0)
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(("flight", "alarm"), [("F2", True), ("F5", False)])
 def test_one_flight_by_itself_shows_its_rate_of_playback(flight, alarm):
     """The project that states 25.56: beats of 0.4 Hz; one that states 700: 9 Hz, and no word. Both are mirrored."""

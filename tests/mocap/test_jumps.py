@@ -52,6 +52,7 @@ def test_a_jump_in_a_hole_is_found(hole):
         assert one.numbers["length"] == pytest.approx(np.linalg.norm(way), abs=0.05)
 
 
+@pytest.mark.rare
 def test_without_a_frame_rate_steps_are_told_per_frame():
     """No metres per second that nobody knows: in 3D and in calibrated pixels."""
     twin = make_bat(seed=5, n_frames=200)

@@ -107,6 +107,7 @@ def test_learn_then_track(mocap, flights, model, tmp_path):
     assert model.read_bytes() == before
 
 
+@pytest.mark.rare
 def test_a_model_of_numbered_points_tracks_what_a_skeleton_names(mocap, model, tmp_path):
     """Files that number their points, a skeleton that names them by aliases: sample by sample what named files give."""
     numbers = {name: f"pt{i}" for i, name in enumerate(NAMES, start=1)}
@@ -141,6 +142,7 @@ def test_a_model_of_numbered_points_tracks_what_a_skeleton_names(mocap, model, t
     assert (tmp_path / "named" / "markers.csv").read_text() == (tmp_path / "numbered" / "markers.csv").read_text()
 
 
+@pytest.mark.rare
 def test_joints_are_one_more_model_where_there_are_bones(mocap, tmp_path):
     """``--joints`` mixes joint angles in and says how well they fill; without bones it says what is missing."""
     tracks = tmp_path / "s_xyzpts.csv"
@@ -168,6 +170,7 @@ def test_names_that_a_model_knows_are_not_taken(model):
     assert renamed(other, skeleton.renamed(other.names)).names == other.names
 
 
+@pytest.mark.rare
 def test_validation_measures_the_learned_model_too(mocap, flights, model, tmp_path):
     """Hidden samples of the recording are filled by all methods, the learned one among them, and told."""
     folder, _ = flights
@@ -207,6 +210,7 @@ def test_recordings_of_one_name_are_told_apart():
     assert [one.name for one in told] == ["monday/bat", "tuesday/bat", "cat", "bat"]
 
 
+@pytest.mark.rare
 def test_json_is_one_object_and_a_seed_the_same_model(mocap, flights, tmp_path):
     """--json: where it is and how it did, nothing else on stdout; the same files and seed give the same model."""
     folder, _ = flights
@@ -339,6 +343,7 @@ PROJECTS = {
 }
 
 
+@pytest.mark.rare
 def test_real_flights_teach_a_third():
     """Two flights of a bat (078A3 F2 and F3, 80 and 60 frames) teach a third, F5, in which gaps are hidden twice.
 

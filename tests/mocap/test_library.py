@@ -90,6 +90,7 @@ def test_a_recording_shows_what_it_holds(recording, twin):
     assert recording._repr_html_().count("<tr>") == len(rows)
 
 
+@pytest.mark.rare
 def test_markers_are_laid_out_as_the_tracker_has_them(tracked):
     """Positions, covariance and status by name are those of the arrays that the tracker returned."""
     markers, data = tracked.tracks, tracked.markers
@@ -252,6 +253,7 @@ def test_a_potential_is_asked_at_an_angle_and_shows_how_often_it_was_there(track
     assert np.abs((angle - beyond + 180) % 360 - 180).min() <= 2.5  # half of a bar
 
 
+@pytest.mark.rare
 def test_plots_show_the_samples_they_are_of(tracked):
     """The lines of a joint are its coordinates in mm; the points of a potential its samples."""
     from matplotlib import pyplot

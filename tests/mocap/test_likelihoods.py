@@ -126,6 +126,7 @@ def write_network(folder, bat, uv, likelihood):
     return paths
 
 
+@pytest.mark.rare
 def test_a_recording_is_better_for_its_likelihoods(clicked, tmp_path):
     """Points are nearer to the truth by a tenth or more (90 %), and their stated intervals hold.
 

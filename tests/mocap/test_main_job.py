@@ -84,6 +84,7 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
     assert [r.application_id for r in RrdReader(str(out / "recording.rrd")).recordings()] == ["mocap"]
 
 
+@pytest.mark.rare
 def test_pixels_without_any_noise_are_tracked():
     """Simulated cameras: a wrist that no camera shows for 16 frames is found to 3 mm, and is nowhere known exactly."""
     bat = with_markers(make_bat(seed=4, n_frames=60, n_cameras=4, digitiser=PERFECT), MARKERS)

@@ -51,6 +51,7 @@ def test_what_was_written_with_its_mechanics_is_read(mechanics, name):
     assert read(json.loads(json.dumps(before))) == EXAMPLES[name]
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize("name", MODELS)
 def test_every_model_fills_what_is_missing(name):
     """Fitted to two trials it fills the gap of the last with positions and covariances that are positive definite."""
@@ -68,6 +69,7 @@ def test_every_model_fills_what_is_missing(name):
     assert (np.linalg.norm(found.xyz_m - trial.xyz_m, axis=-1)[40:60, 5] < 0.1).all()
 
 
+@pytest.mark.rare
 def test_learning_tells_how_far_it_is():
     """A line for each trial that is filled, numbered to the last, with what each model errs by."""
     told = []

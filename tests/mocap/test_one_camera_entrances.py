@@ -14,6 +14,7 @@ from tests.filters.flapping_trials import FPS, flapping
 from tests.mocap.test_track_one_camera import files_of, model_of
 
 
+@pytest.mark.rare
 def test_hidden_points_are_filled_and_scored_alike_in_every_entrance(tmp_path, monkeypatch):
     """Points of 10 frames, as its own gap is: nearer than curves through pixels, and in intervals.
 

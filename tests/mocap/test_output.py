@@ -284,6 +284,7 @@ def test_places_that_cannot_be_written_are_named(tmp_path):
     assert texts(tmp_path) == {"f": "1"}
 
 
+@pytest.mark.rare
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="calls are interrupted by a preloaded library: Linux")
 def test_every_call_that_changes_the_disk_may_be_interrupted():
     """Kill, Ctrl-C and five kinds of error at every ninth call of ``mocap convert``: ``benchmarks/attack/disk.py``."""

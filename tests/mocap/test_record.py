@@ -77,6 +77,7 @@ def test_what_is_not_believed_says_so_and_why(bat):
     assert (np.linalg.eigvalsh(done.data["covariance"].values[known]) > 0).all()
 
 
+@pytest.mark.rare
 def test_what_was_cleaned_is_tracked_as_what_was_not(bat):
     """The same numbers to the last digit."""
     one, other = (mocap.track(x, model="constant_velocity", validate=False) for x in (bat, mocap.clean(bat)))

@@ -119,6 +119,7 @@ def test_sound_flights_are_not_accused_by_the_others(plan):
     assert [name.split("/")[-2] for name in plan.untracked] == ["exchanged"]
 
 
+@pytest.mark.rare
 @pytest.mark.slow
 def test_the_desk_tells_what_the_plan_tells(plan, tmp_path):
     """Of the flight with a rate of playback: the same sentences but for the number of siblings it has read."""
@@ -169,6 +170,7 @@ def test_a_batch_tells_each_fault_once_wherever_it_tells(few, tmp_path):
     assert "a pendulum" in rate
 
 
+@pytest.mark.rare
 @pytest.mark.slow
 def test_learning_tells_what_the_plan_tells(few):
     """Of each trial the alarms of the plan, in its order, before anything is learned."""

@@ -94,6 +94,7 @@ def test_a_long_darkness_is_tracked_and_empty():
     np.testing.assert_allclose(whole.tracks.xyz_m[:79], first.xyz_m[:79], atol=2e-4)
 
 
+@pytest.mark.rare
 def test_no_quantity_is_known_in_a_long_darkness():
     """Angles, speeds, the path of the body and joints: empty where positions are, and known on both sides."""
     film = make_bat(seed=2, n_frames=360, n_cameras=2, digitiser=PERFECT)

@@ -39,6 +39,7 @@ def test_shapes_are_those_that_poses_were_made_of():
     np.testing.assert_allclose(shapes_in(subspace, y), z, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.rare
 @pytest.mark.slow
 def test_only_the_potential_knows_the_trial():
     """Learned from another gait the potential is steep where the hidden trial was; the oracle's is not there.

@@ -52,6 +52,7 @@ def mocap(monkeypatch, capsys):
     return run
 
 
+@pytest.mark.rare
 def test_what_is_measured_is_what_a_user_gets(mocap, tmp_path):
     """Hidden recordings as files, learned from and tracked by the commands: every sample is that of the benchmark.
 

@@ -64,6 +64,7 @@ def benchmark(monkeypatch, tmp_path):
     return go
 
 
+@pytest.mark.rare
 def test_one_table_and_its_files(benchmark, capsys):
     """All kinds of gaps that 150 frames hold, ten draws; the method that fails has NaN there and a line on stderr."""
     table, folder = benchmark()
@@ -83,6 +84,7 @@ def test_one_table_and_its_files(benchmark, capsys):
     assert err.count("FAILED: ArithmeticError: no way") == 3
 
 
+@pytest.mark.rare
 def test_a_run_goes_on_where_it_was_cut(benchmark, capsys):
     """With ``--resume`` whole folds are kept, the last one, which may be cut, is run again; the table is the same."""
     before, folder = benchmark("--methods", "zero")
@@ -95,6 +97,7 @@ def test_a_run_goes_on_where_it_was_cut(benchmark, capsys):
     pd.testing.assert_frame_equal(before[columns], after[columns])
 
 
+@pytest.mark.rare
 def test_more_draws_are_added(benchmark, monkeypatch):
     """With ``--resume`` and more draws only those that lack are made; all are as if they were made at once."""
     benchmark("--methods", "zero", "--seeds", "2")

@@ -21,6 +21,7 @@ REAL = {
 }
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(("name", "facts"), REAL.items(), ids=REAL)
 def test_real_sets(name, facts):
     """Trials of equal markers, evenly timed, more than 95 frames each; trunk and limbs are of them and apart."""

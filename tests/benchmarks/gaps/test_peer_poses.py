@@ -94,6 +94,7 @@ def test_random_walk_smoother_is_the_joint_gaussian():
     assert likelihood == pytest.approx(multivariate_normal(cov=total).logpdf(innovation), rel=1e-10)
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(
     "method",
     [

@@ -44,6 +44,7 @@ def braced(rng):
     )
 
 
+@pytest.mark.rare
 def test_springs_in_series_are_one_spring():
     """U = k (l - L)^2 / 2 with 1/k = 1/k1 + 1/k2, L the sum, when pulled; stiffness along k, across F / l."""
     found = equilibria(series(3.0, 5.0), np.array([[2.1, 0.0], [0.0, 1.9]]), np.array([[[1.2, 0.0]], [[0.0, 1.1]]]))
@@ -54,6 +55,7 @@ def test_springs_in_series_are_one_spring():
     assert found.found.all()
 
 
+@pytest.mark.rare
 def test_energy_is_that_of_a_simplex_search(rng):
     """Nelder and Mead's simplex, without derivatives, ends within 1e-10 J of the same minimum from the same start."""
     truss, q = braced(rng), 0.8 * rng.standard_normal(3)
@@ -65,6 +67,7 @@ def test_energy_is_that_of_a_simplex_search(rng):
     assert ours.energy_j[0] == pytest.approx(energy, abs=1e-10)
 
 
+@pytest.mark.rare
 def test_force_and_stiffness_are_derivatives(rng):
     """Central differences of U and of its gradient over 1e-5: error of order 1e-10 times third derivatives, 1e-6."""
     truss, q = braced(rng), 0.5 * rng.standard_normal(3)

@@ -53,6 +53,7 @@ def test_the_function_is_public():
     assert library.digitise.__wrapped__ is digitise
 
 
+@pytest.mark.rare
 def test_names_are_right(result, scene):
     """Nothing wrong is named, and 95 % of what is shown is named, to a fifth of a pixel; hands cross the body."""
     away = misses(result, scene)
@@ -63,6 +64,7 @@ def test_names_are_right(result, scene):
     assert not result.pixels.seen[~shown].any()
 
 
+@pytest.mark.rare
 def test_a_faint_spot_is_no_marker(tmp_path):
     """Where the hand is hidden, spots of 0.4 of a dot's contrast 4 mm from it meet in all three films: no name."""
     beside = [(slice(15, 27), NAMES.index("hand"), np.array([0.0, 0.0, 0.004]))]
@@ -298,6 +300,7 @@ def cropped(scene, folder, corners=((30, 20), (25, 30), (40, 10)), size=(250, 20
     return clicks, np.array(corners, dtype=float)
 
 
+@pytest.mark.rare
 def test_windows_of_the_pictures_give_the_same_positions(scene, result, tmp_path):
     """Named pixels are those of the whole pictures less the corners, and the calibration that is written is theirs."""
     clicks, corners = cropped(scene, tmp_path)

@@ -69,6 +69,7 @@ def test_twins_get_their_names_back(make):
     assert right > 0.97 * (right + left)
 
 
+@pytest.mark.rare
 def test_a_real_gait_gets_its_names_back():
     """Twenty-six markers on both legs of a person (C3D sample 1): the first half teaches, the second is named."""
     xyz = read(real("c3d_samples", "sample_01", "Eb015pr.c3d")).points.xyz_m
@@ -79,6 +80,7 @@ def test_a_real_gait_gets_its_names_back():
     assert right > 0.9 * (right + left)
 
 
+@pytest.mark.rare
 def test_a_real_mouse_gets_its_names_back():
     """Eleven markers on a mouse (Qualisys), of which 26 % of the samples are missing."""
     folder = real("mouse_mocap_qtm")

@@ -69,6 +69,7 @@ def scene(tmp_path_factory):
     return video(tmp_path_factory.mktemp("scene"), 30, bare=(NOSE,))
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize("start", [0, 12])
 def test_a_marker_whose_clicks_show_no_dot_is_followed_by_its_texture(scene, start):
     """It is known by what was clicked alone; both ways from there; errors are inside what is stated."""
@@ -101,6 +102,7 @@ def test_an_answer_follows_the_texture_anew(scene, first):
     assert np.isfinite(result.pixels.uv_px[2, :, NOSE, 0]).sum() > before + 10
 
 
+@pytest.mark.rare
 def test_a_wrong_click_on_a_texture_is_corrected_or_taken_back(scene, first):
     """A click 3 px off leads the frames about it away; the right one in its place leads them back, and so does undo."""
     result = deepcopy(first)

@@ -31,6 +31,7 @@ def jointed(kind, *, noise_m, slip_m, seed, n_frames=500):
     return moving(xyz, np.arange(n_frames) / 100, NAMES, max(noise_m, 1e-7)), turned, joint, axis
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize("kind", ["ball", "hinge"])
 @pytest.mark.parametrize(("noise_m", "slip_m"), [(2e-3, 0.0), (5e-5, 3e-4)])
 def test_centres_and_axes(kind, noise_m, slip_m):

@@ -137,6 +137,7 @@ def test_a_free_pendulum_needs_no_moment_and_the_force_of_its_rod(kind):
         np.testing.assert_allclose(found[f"pivot_moment_{axis}_n_m"].value[2:-2], 0, atol=5e-4)
 
 
+@pytest.mark.rare
 def test_deviations_are_those_of_samples():
     """Positions and velocities drawn anew 200 times: their spread is the stated one (standard error 5 %)."""
     rng, t = np.random.default_rng(0), DT_S * np.arange(5)

@@ -80,6 +80,7 @@ def test_ellipsoids_are_the_covariance(run, rrd):
     np.testing.assert_allclose(cov, markers.cov_m2[mask], atol=1e-6 * markers.cov_m2[mask].max())
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize("y_up", [False, True])
 def test_pixels_and_whiskers_are_exact(tmp_path, y_up):
     """Measured, rejected and reprojected pixels run down in the view; whiskers go from measured towards reprojected."""
@@ -251,6 +252,7 @@ def test_spectrum_is_that_of_the_gram_matrix(run, rrd):
     np.testing.assert_allclose(8 * lines[-1, 1] / CHART_SIZE[1], 3.0, rtol=1e-6)  # lambda = 1e-3
 
 
+@pytest.mark.rare
 def test_volume_is_the_potential_in_the_body(tmp_path):
     """Voxel (k, j, i) holds 1 - V at its middle, of the potential learned from the joint's three coordinates."""
     run, rrd = make_run(n_frames=120, n_cameras=0), tmp_path / "r.rrd"
@@ -276,6 +278,7 @@ def test_report_is_the_text(run, rrd):
     assert column(rrd, paths.REPORT, "TextDocument:text")[2].tolist() == [run.report_text]
 
 
+@pytest.mark.rare
 def test_same_run_same_recording(run, rrd, tmp_path):
     """Two writes hold the same data under the same identity; a millimetre on one marker makes another."""
     write_recording(run, tmp_path / "again.rrd")
@@ -391,6 +394,7 @@ def test_whole_or_not_at_all(run, tmp_path, monkeypatch):
     assert not rr.strict_mode()
 
 
+@pytest.mark.rare
 def test_thirty_cameras_are_small(tmp_path):
     """34 markers, 2000 frames, 30 cameras: not a fifth more than the numbers themselves."""
     run = make_run(n_frames=2000, n_cameras=30, n_joints=0, n_extra=16)

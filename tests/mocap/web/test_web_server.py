@@ -358,6 +358,7 @@ def test_a_browser_is_forwarded_by_a_file_of_this_user():
     assert not path.exists()
 
 
+@pytest.mark.rare
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")
 def test_a_large_post_takes_no_memory_and_ctrl_c_ends_the_command(films, tmp_path):
     """1.5 GB, declared or in chunks, with the token: refused, and what the process holds at most stays as it was.

@@ -279,7 +279,7 @@ def readable_scores(learned: LearnedModel) -> str:
     """What was learned, as markdown."""
     lengths = next(iter(learned.scores.values()))["gap_frames"]
     lines = [
-        f"# A model of {len(learned.trials)} recordings",
+        f"# A model of {number_of(len(learned.trials), 'recording')}",
         "",
         f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Root mean square errors in mm in "
         "gaps that were hidden, of the mixture as the other gaps teach it. Inside: the share of its errors in their "

@@ -213,6 +213,13 @@ def test_the_version_is_one():
     assert f'version: "{stated}"' in (ROOT / "docs" / "releasing" / "recipe.yaml").read_text(encoding="utf-8")
 
 
+def test_the_newest_version_is_read_in_a_minute():
+    """Sixty lines, by area, begun by what a user must do: the log has the rest."""
+    newest = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
+    assert sum(bool(line.strip()) for line in newest.splitlines()[1:]) <= 60
+    assert re.findall(r"^\*\*(.+)\*\*$", newest, re.MULTILINE)[0] == "What you must do"
+
+
 def test_the_paper_has_the_numbers_that_its_script_stored():
     """Its table is made of ``numbers.json``; its figure is there; every work that it cites is listed, and no other."""
     folder = ROOT / "docs" / "paper"

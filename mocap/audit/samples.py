@@ -13,6 +13,7 @@ from mocap.audit.units import unit_findings
 from mocap.findings import MOST, Finding, Kind, alarm
 from mocap.io.rounding import rounding
 from mocap.records import MarkerTracks, PixelTracks
+from mocap.text import number_of
 
 BESIDE = 2
 """Steps on each side of repeated frames of which one has at least half of the usual length. Chosen, not measured."""
@@ -126,8 +127,8 @@ def _repeats(values: Array, camera: str | None, first: int = 0) -> list[Finding]
     return [
         alarm(
             kind=Kind.REPEATED_FRAMES,
-            text=f"{len(at)} frames{whose} are identical to the previous frame in every digit, while what is "
-            f"recorded moves before and after: {cause}",
+            text=f"{number_of(len(at), f'frame{whose} is', f'frames{whose} are')} identical to the previous frame in "
+            f"every digit, while what is recorded moves before and after: {cause}",
             numbers={"frames": len(at), "share": len(at) / len(values), "times": times},
             cameras=() if camera is None else (camera,),
             frames=tuple(int(f) + 1 + first for f in sorted(set(map(int, at)))[:MOST]),

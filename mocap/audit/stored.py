@@ -11,6 +11,7 @@ from mocap.cameras.triangulate import linear, residual_px
 from mocap.findings import MOST, Finding, Kind, alarm
 from mocap.io.rounding import rounding
 from mocap.records import MarkerTracks
+from mocap.text import number_of
 
 PRINTED_M = 2e-6
 """Stored points and their triangulation differ by less: the print precision of the files leaves 1e-6."""
@@ -193,7 +194,7 @@ def _shifted(xyz: Array, stored: MarkerTracks) -> list[Finding]:
     return [
         alarm(
             kind=Kind.TIME_SHIFT,
-            text=f"stored points are {abs(s)} frames {'later' if s > 0 else 'earlier'} than their pixels "
+            text=f"stored points are {number_of(abs(s), 'frame')} {'later' if s > 0 else 'earlier'} than their pixels "
             f"({shares[s][0] * 100:.0f} % agree when shifted by that)",
             numbers={"frames": s, "share": shares[s][0]},
         )

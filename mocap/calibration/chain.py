@@ -11,6 +11,7 @@ from mocap.calibration.scene import turned_rad
 from mocap.cameras.arrangement import FEWEST_SHARED
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
+from mocap.text import number_of
 
 
 def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tuple[list[Array], Array]:
@@ -55,8 +56,8 @@ def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tupl
         c = max(counts, key=lambda c: counts[c])
         if counts[c] < 6:  # as many as coefficients need (``dlt``)
             raise CalibrationError(
-                f"camera {names[c]!r} shares {counts[c]} points with the others and needs 6: film the wand in its "
-                "view again"
+                f"camera {names[c]!r} shares {number_of(counts[c], 'point')} with the others and needs 6: film "
+                "the wand in its view again"
             )
         found[c] = _placed(points, xy[c], seen[c] & finite, 8 / f_px[c], names[c])
     return [found[c] for c in range(n)], _points(found, xy)

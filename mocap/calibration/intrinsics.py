@@ -12,6 +12,7 @@ from mocap.calibration.bundle import adjust
 from mocap.calibration.scene import CLICK_PX, Adjusted, Free, RigCamera, RigScene, Sightings, distinct
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
+from mocap.text import number_of
 
 OUTLYING = 4.0
 """An image misses by so many times what the median image does: its corners are not those of the board. Of 78 images of
@@ -88,8 +89,8 @@ def fit_intrinsics(
     """
     if len(views) < FEWEST_PICTURES:
         raise CalibrationError(
-            f"camera {name!r}: the board was found in {len(views)} images, and {FEWEST_PICTURES} are needed: film it "
-            "at more places and tilts"
+            f"camera {name!r}: the board was found in {number_of(len(views), 'image')}, and {FEWEST_PICTURES} are "
+            "needed: film it at more places and tilts"
         )
     kept, left_out = list(range(len(views))), dict[int, str]()
     while True:

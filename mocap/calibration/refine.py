@@ -22,6 +22,7 @@ from mocap.calibration.scene import (
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.triangulate import linear, misses, robust
 from mocap.errors import CalibrationError
+from mocap.text import number_of
 
 FEWEST_REFINED = 30  # of two cameras one equation a point is left; chosen
 
@@ -95,7 +96,8 @@ def refine_cameras(
     points = int(np.isfinite(found.xyz_m[..., 0]).sum())
     if points < FEWEST_REFINED:
         raise CalibrationError(
-            f"{points} points are seen by two cameras, and {FEWEST_REFINED} are needed: give more frames"
+            f"{number_of(points, 'point is', 'points are')} seen by two cameras, and {FEWEST_REFINED} are "
+            "needed: give more frames"
         )
     count = min(len(frames), max(2, most_points * len(frames) // points))
     keep = frames[np.linspace(0, len(frames) - 1, count).astype(int)]

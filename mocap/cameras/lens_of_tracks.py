@@ -10,6 +10,7 @@ from mocap.cameras.camera import Camera, pinhole_lens, stacked
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.triangulate import linear, misses, project
 from mocap.errors import CalibrationError
+from mocap.text import number_of
 
 STRETCHES = 8
 """Stretches of frames that are left out in turn: what an animal does in one says little of the others."""
@@ -118,7 +119,8 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, each: bool = True
     uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
     if uv.shape[1] < _LEAST:
         raise CalibrationError(
-            f"`fit_lens`: {uv.shape[1]} points are seen by two cameras, and {_LEAST} are needed: give the profile"
+            f"`fit_lens`: {number_of(uv.shape[1], 'point is', 'points are')} seen by two cameras, and {_LEAST} are "
+            "needed: give the profile"
         )
     uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], 1200)).astype(int)]
     matrices, n = stacked([Camera(name=c.name, matrix=c.matrix) for c in cameras]), len(cameras)

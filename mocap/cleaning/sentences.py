@@ -17,6 +17,7 @@ from mocap.cleaning.positions import POSE_MARKERS, REASONS, shows_a_pose
 from mocap.cleaning.swaps import DOUBTFUL, Swap
 from mocap.findings import MOST, Finding, Kind
 from mocap.records import Plane
+from mocap.text import number_of
 
 FAR_OFF = 2.0
 """A standard deviation so many times another contradicts it. Chosen, not measured."""
@@ -138,7 +139,8 @@ def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least:
     if not unlikely.any():
         return []
     count = int(unlikely.sum())
-    text = f"{count} clicks ({count / seen.sum():.1%}) have a likelihood below {least:g} and were not used"
+    low = f"({count / seen.sum():.1%}) {{}} a likelihood below {least:g} and {{}} not used"
+    text = number_of(count, f"click {low.format('has', 'was')}", f"clicks {low.format('have', 'were')}")
     return [Finding(kind=Kind.LIKELIHOODS, text=text, numbers={"clicks": count})]
 
 
@@ -225,7 +227,7 @@ def exchange_findings(
             Finding(
                 kind=Kind.IDENTITY_SWITCH,
                 text=f"identity switch: {a} and {b} have each other's names{where} from frame {start} to {end}: "
-                f"swapped back in {len(swap.frames)} frames",
+                f"swapped back in {number_of(len(swap.frames), 'frame')}",
                 cameras=seen_by,
                 markers=(a, b),
                 frames=(start, end),
@@ -265,9 +267,9 @@ def likelihood_findings(
         sentence = f"from likelihood {found.at[weak][-1]:.2f} down errors grow, up to {found.factor[0]:.1f} times"
     if found.least > 0:
         sentence += (
-            f"; {left_out} points with a likelihood below {found.least:.2f} were left out ({found.wrong[0]:.0%} of "
-            f"the least likely have errors above {FAR:g} standard deviations), which leaves {lost} samples without a "
-            "point"
+            f"; left out: {number_of(left_out, 'point')} with a likelihood below {found.least:.2f} "
+            f"({found.wrong[0]:.0%} of the least likely have errors above {FAR:g} standard deviations), which leaves "
+            f"{number_of(lost, 'sample')} without a point"
         )
     text = f"points are weighted by likelihood, as learned from reprojection errors: {sentence}"
     return [Finding(kind=Kind.LIKELIHOODS, text=text, numbers={"clicks": left_out, "samples": lost})]

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.console import program, say, show, show_text, typed
+from mocap.cli.console import program, progress, say, show, show_text, typed
 from mocap.cli.options import Jobs, PrintOptions, RecordingOptions, with_records
+from mocap.progress import Stages
 
 
 @with_records
@@ -41,11 +42,15 @@ def learn(
     from mocap.io.output import result_file
     from mocap.reading.reading import of_session
 
-    recordings = list(of_session(partial(options.read, tracks) for tracks in trials))
+    recordings = []
+    with progress() as tell, Stages(tell=tell).stage(options.stage) as share:
+        for recording in of_session(partial(options.read, tracks) for tracks in trials):
+            recordings.append(recording)
+            share(len(recordings) / len(trials))
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=printed.force, inputs=inputs, tell=say) as file:
-        with mocap.processes(jobs):
-            model = mocap.learn(recordings, joints=joints, seed=seed, progress=say)
+        with progress() as tell, mocap.processes(jobs):
+            model = mocap.learn(recordings, joints=joints, seed=seed, progress=tell, tell=say)
         model.write(file)
     if printed.as_json:
         print(json.dumps({"out": str(out), "scores": model.scores}))  # noqa: T201

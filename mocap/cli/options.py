@@ -277,6 +277,11 @@ class RecordingOptions(CameraOptions):
     fit_lens: FitLens = False
     mm_per_px: MmPerPx = None
 
+    @property
+    def stage(self) -> str:
+        """What ``read`` does, as progress names it."""
+        return "read, estimate the lens" if self.fit_lens else "read"
+
     def read(self, tracks: Path | list[Path], **more: Any) -> "Recording":
         """The recording in a file, with what is stated about it."""
         import mocap

@@ -5,12 +5,16 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap.cli.console import say
+from mocap.cli.console import progress, say
 from mocap.cli.options import AsJson, Force, RecordingOptions, Views, with_records
+from mocap.progress import Stages
+
+if TYPE_CHECKING:
+    from mocap.recording import Recording
 
 
 @with_records
@@ -30,7 +34,6 @@ def skeleton(
     mocap skeleton trial.csv > bat.toml; then: mocap track trial.csv --skeleton bat.toml. Of a model (.osim, .bioMod,
     .urdf, MJCF's .xml) it writes the skeleton that the model describes.
     """
-    from mocap.errors import NoRateError
     from mocap.io.output import result_file
     from mocap.proposing.propose_skeleton import Proposal, propose_skeleton
     from mocap.skeleton_files import is_model, read_model
@@ -38,17 +41,16 @@ def skeleton(
 
     recording = None
     if len(tracks) > 1 or not is_model(tracks[0]):
-        try:
-            recording = options.read(tracks)
-        except NoRateError:
-            recording = replace(options, fps=100.0).read(tracks)  # any: distances, angles, cycles do not depend on it
+        with progress() as tell, Stages(tell=tell).stage(options.stage):
+            recording = _read(tracks, options)
     inputs = tuple(tracks) if recording is None else recording.inputs
     with nullcontext() if out is None else result_file(out, replace=force, inputs=inputs, tell=say) as file:
         if recording is None:
             model, text = read_model(tracks[0])
             found = Proposal(skeleton=model, text=text)
         else:
-            found = propose_skeleton(recording, names=names)
+            with progress() as tell, Stages(tell=tell).stage("clean, propose a skeleton"):
+                found = propose_skeleton(recording, names=names)
         if file is not None:
             file.write_text(found.text, encoding="utf-8", newline="")
     counts = {
@@ -74,3 +76,13 @@ def skeleton(
         f"proposed: {', '.join(parts)}; check and correct it",
         *([] if counts["cycles"] or recording is None else still),
     )
+
+
+def _read(tracks: list[Path], options: RecordingOptions) -> "Recording":
+    """The recording, with any frame rate where none is known: distances, angles and cycles do not depend on it."""
+    from mocap.errors import NoRateError
+
+    try:
+        return options.read(tracks)
+    except NoRateError:
+        return replace(options, fps=100.0).read(tracks)

@@ -11,6 +11,7 @@ import typer
 from mocap.cli.console import progress, say, typed
 from mocap.cli.options import Jobs, Out, PrintOptions, RecordingOptions, TrackingOptions, Views, with_records
 from mocap.errors import FormatError, MocapError
+from mocap.progress import Stages
 from mocap.text import as_text
 
 if TYPE_CHECKING:
@@ -66,7 +67,8 @@ def track(
     model, force = tracking.model, printed.force
     how = {"validate": tracking.validate, "seed": tracking.seed}
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
-    recording = on_disk(tracks, recording_options, blocks) or recording_options.read(tracks)
+    with progress() as tell, Stages(tell=tell).stage(recording_options.stage):
+        recording = on_disk(tracks, recording_options, blocks) or recording_options.read(tracks)
     opened = []
     if movies.video:
         from mocap.io.movies import open_movies

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array, true_runs
 from mocap.records import MarkerTracks, Status
+from mocap.text import number_of
 
 MOST = 300
 """A person works from the top, and the list is made anew after each correction."""
@@ -76,8 +77,8 @@ def places(tracks: MarkerTracks, measured_m: Array, done: NDArray[np.bool_]) -> 
                 why = {
                     Status.MEASURED: "digitised, but uncertain",
                     Status.REJECTED: "digitised, and not believed: two places are possible",
-                    Status.PREDICTED: f"not seen at an end, {n} frames",
-                }.get(status, f"not seen for {n} frames")
+                    Status.PREDICTED: f"not seen at an end, {number_of(n, 'frame')}",
+                }.get(status, f"not seen for {number_of(n, 'frame')}")
                 bounds = (at, at) if whole else (int(first), int(stop) - 1)
                 found.append(Place(frame=at, marker=m, first=bounds[0], last=bounds[1], worth_m2=total, why=why))
     return sorted(found, key=lambda place: -place.worth_m2)[:MOST]

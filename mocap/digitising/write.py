@@ -17,6 +17,7 @@ from mocap.io.dltdv import write_coefficients, write_pixels, write_points
 from mocap.io.profile import write_profile
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import write_skeleton
+from mocap.text import number_of
 
 Report = dict[str, object]
 
@@ -115,7 +116,9 @@ def report_text(report: Report, questions: Sequence[Question], names: Sequence[s
     ]
     lines += [
         "",
-        f"{len(questions)} clicks are asked for next (`asked.csv`)." if questions else "No click is asked for.",
+        f"{number_of(len(questions), 'click is', 'clicks are')} asked for next (`asked.csv`)."
+        if questions
+        else "No click is asked for.",
     ]
     for q in questions[:5]:
         lines.append(f"- {names[q.marker]} in frame {q.frame + 1} of camera {q.camera + 1}")

@@ -18,6 +18,7 @@ from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import frame_numbers
 from mocap.records import Status
 from mocap.schema import LARGEST, Entry, checked
+from mocap.text import number_of
 
 _FIELDS = ("x", "y", "z", "error", "ncams", "score")
 _FRAME = [*(f"M_{i}{j}" for i in range(3) for j in range(3)), *(f"center_{i}" for i in range(3))]
@@ -175,7 +176,9 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     filled = table[..., 3] == PLACEHOLDER
     seen = np.isfinite(xyz).all(axis=-1)
     if filled.any():
-        findings.append(f"{filled.sum()} samples have the error {PLACEHOLDER:g}: they were filled by Anipose's filter")
+        error = f"the error {PLACEHOLDER:g}:"
+        count = number_of(int(filled.sum()), f"sample has {error} it was", f"samples have {error} they were")
+        findings.append(f"{count} filled by Anipose's filter")
     frames = values[:, where["fnum"]] if "fnum" in where else np.arange(len(values), dtype=np.float64)
     return point_recording(
         path,

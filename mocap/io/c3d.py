@@ -16,6 +16,7 @@ from mocap.io.contents import FILLED, FileContents, point_recording, points_of
 from mocap.io.format import Format
 from mocap.io.lines import RATES_HZ, metres, told_apart, unit_of
 from mocap.records import Status
+from mocap.text import number_of
 
 BLOCK = 512  # bytes, of the format
 INTEL, DEC, SGI = 84, 85, 86
@@ -280,7 +281,7 @@ def read_c3d(path: Path) -> FileContents:
     layout, findings = _layout(path, head, data)
     values, residual, odd = _samples(head, layout, data)
     if odd:
-        findings.append(f"{odd} samples have an invalid entry for residual and cameras")
+        findings.append(f"{number_of(odd, 'sample has', 'samples have')} an invalid entry for residual and cameras")
     labels = _labels(head, layout.points)
     model = {label for group in _NOT_POSITIONS for label in head.words(f"POINT:{group}")}
     keep = np.array([name not in model for name in labels])
@@ -385,8 +386,8 @@ def _layout(path: Path, head: C3dHead, data: bytes) -> tuple[_Layout, list[str]]
     room, least = size - first.data_at, min(statements["frames"].values())
     if not best and first.points and 0 < least * first.frame_bytes > room:
         raise FormatError(
-            f"{path.name}: {least} frames are stated, but the file contains {max(room // first.frame_bytes, 0)}: "
-            "copy or export it again"
+            f"{path.name}: {number_of(least, 'frame is', 'frames are')} stated, but the file contains "
+            f"{max(room // first.frame_bytes, 0)}: copy or export it again"
         )
     what = "; ".join(f"{words.format(' or '.join(f'{v:g}' for v in dict.fromkeys(statements[key].values())))}"
                      for key, words in _WORDS.items())  # fmt: skip

@@ -15,7 +15,7 @@ from mocap.cameras.lens import Lens
 from mocap.errors import FormatError
 from mocap.io.lines import metres, rate
 from mocap.records import MarkerTracks, PixelCorner, PixelTracks, Status, marker_tracks
-from mocap.text import file_names
+from mocap.text import file_names, number_of
 
 Bodies = Mapping[str, Mapping[str, Array]]
 """Places (3,) of a body's markers in its axes, by its name and theirs; NaN where only the markers are stated."""
@@ -330,11 +330,10 @@ def half_seen(values: Array, names: Sequence[str], frames: NDArray[np.int64]) ->
         for m, count in enumerate(half.sum(axis=0))
         if count
     ]
-    more = f", and of {len(listed) - 8} more markers" if len(listed) > 8 else ""
-    return (
-        f"{half.sum()} samples have some of their coordinates and not the others, and are read as missing: "
-        f"{', '.join(listed[:8])}{more}: look for empty cells",
-    )
+    more = f", and of {number_of(len(listed) - 8, 'more marker')}" if len(listed) > 8 else ""
+    rest = "coordinates and not the others, and"
+    count = number_of(int(half.sum()), f"sample has some of its {rest} is", f"samples have some of their {rest} are")
+    return (f"{count} read as missing: {', '.join(listed[:8])}{more}: look for empty cells",)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.lines import LARGEST, MISSING_WORDS, cells_of, one_kind
+from mocap.text import number_of
 
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
@@ -279,7 +280,8 @@ def by_title(
     if lacking is not None and "camera" in pattern.groupindex:
         raise FormatError(
             f"{path.name}: marker {lacking[1]!r} has no {' and '.join(word.strip('_') for word in needed)} columns for "
-            f"cam{lacking[0]}: {len(header)} columns do not make {len(names)} markers x {len(cameras)} cameras x "
+            f"cam{lacking[0]}: {number_of(len(header), 'column does', 'columns do')} not make {len(names)} markers "
+            f"x {len(cameras)} cameras x "
             f"{len(needed)}: add them, empty where nothing was seen"
         )
     if lacking is not None:

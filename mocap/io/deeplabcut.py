@@ -21,6 +21,7 @@ from mocap.io.contents import FileContents, camera_files, pixel_recording, point
 from mocap.io.format import Format
 from mocap.io.lines import cells_of, frame_numbers, image_numbers, number, numbers, read_lines
 from mocap.records import LEAST_LIKELIHOOD
+from mocap.text import number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,7 +102,8 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
     single = len({individual for individual, _ in animals}) == 1
     names = [part if single else f"{individual}_{part}" for individual, part in animals]
     low = np.isfinite(score) & (score < LEAST_LIKELIHOOD)
-    findings += [f"{low.sum()} samples have a likelihood below {LEAST_LIKELIHOOD}"] if low.any() else []
+    count = number_of(int(low.sum()), "sample has", "samples have")
+    findings += [f"{count} a likelihood below {LEAST_LIKELIHOOD}"] if low.any() else []
     scored = not np.isnan(score).all()
     whose = tuple(animals) if animals[0][0] else ()
     if axes == "xyz":

@@ -12,6 +12,7 @@ from mocap.io.apart import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording, table_recording
 from mocap.io.format import Format, Head, Hints, head
 from mocap.io.lines import numbers, read_lines
+from mocap.text import number_of
 
 POINT_NAMES = "PointNames_to_go_with_DLTdv8a_sparsesave_arrays"
 _TITLES = {
@@ -106,7 +107,9 @@ def _cameras(path: Path, columns: int, hints: Hints) -> tuple[int, list[str]]:
         count = read_sparse(beside).shape[1]
     if count is None:
         if columns % 2:
-            raise FormatError(f"{path.name}: {columns} columns are not pairs of X and Y: export it again")
+            raise FormatError(
+                f"{path.name}: {number_of(columns, 'column is', 'columns are')} not pairs of X and Y: export it again"
+            )
         fits = [c for c in range(1, columns // 2 + 1) if columns // 2 % c == 0]
         return 1, [
             "the number of cameras is not in the file: 1 is assumed (it may be "
@@ -114,7 +117,8 @@ def _cameras(path: Path, columns: int, hints: Hints) -> tuple[int, list[str]]:
         ]
     if count < 1 or columns % (2 * count):
         raise FormatError(
-            f"{path.name}: {columns} columns are not a whole number of points for {count} cameras (2 each)"
+            f"{path.name}: {number_of(columns, 'column is', 'columns are')} not a whole number of points for "
+            f"{count} cameras (2 each)"
         )
     return count, []
 
@@ -139,7 +143,10 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
         offset = {"offset_frames": np.nan_to_num(table)}
         return table_recording(path, f"{maker}-sparse", camera_names=cameras, tables=offset)
     if kind in ("xyzpts", "xyzci") and table.shape[1] % 3:
-        raise FormatError(f"{path.name}: {table.shape[1]} columns are not X, Y, Z of points: export it again")
+        raise FormatError(
+            f"{path.name}: {number_of(table.shape[1], 'column is', 'columns are')} not X, Y, Z of points: "
+            "export it again"
+        )
     values = table.reshape(len(table), -1, 3) if kind in ("xyzpts", "xyzci") else table
     names = _names(path, kind or "", values.shape[1])
     if kind == "xyzpts":

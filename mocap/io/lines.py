@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.schema import LARGEST
+from mocap.text import number_of
 
 MOST_FRAMES = 10**9  # twelve days at 1 kHz
 FRAMES = (
@@ -289,7 +290,8 @@ def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
             changed.append(f"{name!r} -> {new!r}")
         found.append(new)
     shown = ", ".join(changed[:5]) + (", ..." if len(changed) > 5 else "")
-    return found, [f"{len(changed)} points without a unique name were renamed: {shown}"] if changed else []
+    renamed = number_of(len(changed), "point without a unique name was", "points without a unique name were")
+    return found, [f"{renamed} renamed: {shown}"] if changed else []
 
 
 def _rounded_rate(t_s: Array) -> float:

@@ -15,6 +15,7 @@ from mocap.io.csv_table import Key, has_titles, laid_out, read_table
 from mocap.io.dltdv import PIXEL, names_of
 from mocap.io.format import Format, Head, Hints, file_format
 from mocap.io.lines import FRAMES, even_times, frame_numbers, time_unit_s
+from mocap.text import number_of
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
 _UNIT = re.compile(rf"(?P<title>.+?)\s*(?:[\[(]\s*(?P<a>{_UNITS})\s*[\])]|(?<=[xyzXYZ])[ _](?P<b>mm|cm|m))", re.DOTALL)
@@ -81,7 +82,7 @@ def _read(path: Path, hints: Hints) -> FileContents:
     found = _mapped(path, header, values, columns, unit=None if hints.columns else unit, fps=hints.fps)
     if not rest:
         return found
-    note = f"{len(rest)} columns are of no marker and were left out: {', '.join(rest[:8])}"
+    note = f"{number_of(len(rest), 'column is', 'columns are')} of no marker, left out: {', '.join(rest[:8])}"
     note += ", ..." if len(rest) > 8 else ""
     return replace(found, findings=(note, *found.findings), assumed=(note, *found.assumed))
 

@@ -13,7 +13,7 @@ from mocap.io.lines import RATES_HZ, told_apart
 from mocap.io.rounding import rounding
 from mocap.records import Status
 from mocap.schema import not_covariances
-from mocap.text import visible
+from mocap.text import number_of, visible
 
 EXPLICIT = ("csv-wide", "csv-long", "parquet", "movement")
 """Formats of ours, in which a missing sample is empty and every other has its origin: there zero is a place."""
@@ -157,10 +157,11 @@ def _placeholder_notes(
         mine = lost & (values[..., 0] == number)
         place = ", ".join([f"{number:g}"] * values.shape[-1])
         stated = ", as stated" if zero == "missing" and number == 0 else ""
-        found.append(
-            f"{mine.sum()} samples{whose} at exactly ({place}) stand for missing and were read so{stated}: "
-            f"{_counted(mine, finite, recording, ', which was never seen')}"
+        at = f"{whose} at exactly ({place})"
+        count = number_of(
+            int(mine.sum()), f"sample{at} stands for missing and was", f"samples{at} stand for missing and were"
         )
+        found.append(f"{count} read so{stated}: {_counted(mine, finite, recording, ', which was never seen')}")
     return found
 
 
@@ -172,10 +173,9 @@ def _kept_notes(values: Array, lost: NDArray[np.bool_], recording: FileContents,
     elsewhere = np.isfinite(values[..., 0]) & ~mine
     why = "as stated" if zero == "position" else "no other marker stays there and none jumps there and back"
     advice = "" if zero == "position" else "; if they stand for missing, give `zero` missing"
-    return [
-        f"{mine.sum()} samples at exactly (0, 0, 0) are positions and were read so ({why}): "
-        f"{_counted(mine, elsewhere, recording, ', the origin of the others')}{advice}"
-    ]
+    at = "at exactly (0, 0, 0)"
+    count = number_of(int(mine.sum()), f"sample {at} is a position and was", f"samples {at} are positions and were")
+    return [f"{count} read so ({why}): {_counted(mine, elsewhere, recording, ', the origin of the others')}{advice}"]
 
 
 def _counted(mine: NDArray[np.bool_], elsewhere: NDArray[np.bool_], recording: FileContents, always: str) -> str:

@@ -49,6 +49,7 @@ from mocap.io.number_spelling import Undecided
 from mocap.io.plausible import plausible
 from mocap.io.transcribe import transcribed
 from mocap.records import Status
+from mocap.text import number_of
 
 _SIGNS: dict[str, str] = {
     "dltdv-xypts": "csv pt1_cam1_X pt1_cam1_Y pt1_cam2_X table pixels",
@@ -450,17 +451,22 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
     if points is not None and "points" in format.holds:
         if "origin" in contents and "origin" not in format.holds:
             mask = np.isin(points.status, FILLED) & points.seen
+            count = int(mask.sum())
             if filled:
-                losses.append(f"{mask.sum()} filled samples are written like measured ones")
+                losses.append(
+                    f"{number_of(count, 'filled sample is', 'filled samples are')} written like measured ones"
+                )
             elif mask.any():
                 xyz = np.where(mask[..., None], np.nan, points.xyz_m)
                 points = replace(points, xyz_m=xyz, status=np.where(mask, Status.MISSING, points.status))
-                losses.append(f"{mask.sum()} filled samples are left as gaps; `filled` writes them")
+                left = number_of(count, "filled sample is left as a gap", "filled samples are left as gaps")
+                losses.append(f"{left}; `filled` writes {'it' if count == 1 else 'them'}")
         zero = np.all(np.abs(points.xyz_m) < 0.5 * NANOMETRE, axis=-1)  # they would be rounded to it
         if format.zero_is_missing and zero.any():
             points = replace(points, xyz_m=np.where(zero[..., None], NANOMETRE, points.xyz_m))
+            at = "at (0, 0, 0), to the digits written,"
             losses.append(
-                f"{zero.sum()} samples at (0, 0, 0), to the digits written, are set 1 nm away, because 0 means "
+                f"{number_of(int(zero.sum()), f'sample {at} is', f'samples {at} are')} set 1 nm away, because 0 means "
                 "missing in this format"
             )
         recording = replace(recording, points=points)

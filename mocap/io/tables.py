@@ -16,6 +16,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.lines import LARGEST, cells_of, even_times, frame_numbers, number
 from mocap.io.workbook import write_sheets
 from mocap.records import Status
+from mocap.text import number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -125,7 +126,8 @@ def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
     wrong = np.where(empty, ~np.isin(origin, (Status.MISSING, Status.REJECTED)), origin == Status.MISSING)
     if wrong.any():
         raise FormatError(
-            f"{path.name}: {wrong.sum()} positions contradict their origin (one of the two was changed): correct it"
+            f"{path.name}: {number_of(int(wrong.sum()), 'position contradicts its', 'positions contradict their')} "
+            "origin (one of the two was changed): correct it"
         )
 
 
@@ -178,7 +180,7 @@ def _read_wide(path: Path, hints: Hints) -> FileContents:
         times, fps, findings = even_times(path, times, frames=frame_numbers(path, table["frame"]), stated=hints.fps)
     if (words == REPAIRED).any():
         findings.append(
-            f"{(words == REPAIRED).sum()} measured samples had another marker's name in the original "
+            f"{number_of(int((words == REPAIRED).sum()), 'measured sample')} had another marker's name in the original "
             "file (repaired identity switches)"
         )
     recording = point_recording(

@@ -16,6 +16,7 @@ from mocap.io.format import Head, Hints, file_format
 from mocap.io.lines import even_times, frame_numbers
 from mocap.io.plain import LIKELY, is_frame, seconds_of, without_unit
 from mocap.io.tables import read_rows, titles
+from mocap.text import number_of
 
 _MARKERS = ("marker", "markers", "point", "keypoint", "bodypart", "body_part", "landmark", "label", "name", "joint")
 _OWN = {"origin", "seen", "x_m", "u_px", "sd"}
@@ -84,7 +85,11 @@ def read_tidy(path: Path, hints: Hints) -> FileContents:
         times[at] = column["time"] * (seconds_of(without_unit(header)[0][roles["time"]]) or 1.0)
         times, fps, notes = even_times(path, times, frames=frames, stated=hints.fps)
     rest = [title for place, title in enumerate(header) if place not in roles.values()]
-    notes += [f"{len(rest)} columns are of no marker and were left out: {', '.join(rest[:8])}"] if rest else []
+    notes += (
+        [f"{number_of(len(rest), 'column is', 'columns are')} of no marker, left out: {', '.join(rest[:8])}"]
+        if rest
+        else []
+    )
     first = 1 if frames is None else int(frames[0])
     if len(axes) == 3:
         return point_recording(

@@ -17,7 +17,7 @@ from mocap.io.format import Hints
 from mocap.io.lines import read_lines
 from mocap.io.registry import read, write, writer
 from mocap.records import PixelCorner
-from mocap.text import visible
+from mocap.text import number_of, visible
 
 
 def joined(recordings: Sequence[FileContents]) -> FileContents:
@@ -254,7 +254,7 @@ def _versions(base: FileContents, other: FileContents) -> str:
     off = np.linalg.norm(a - b, axis=-1)[both]
     same = int((off <= 2e-6 * max(1.0, float(np.nanmax(np.abs(a))))).sum())
     filled = ", ".join(
-        f"{count} samples are only in {r.paths[0].name}"
+        f"{number_of(count, 'sample is', 'samples are')} only in {r.paths[0].name}"
         for r, count in ((base, int((seen_a & ~seen_b).sum())), (other, int((seen_b & ~seen_a).sum())))
         if count
     )

@@ -12,6 +12,7 @@ from mocap.filters.body_axes import aligned, nearest_rotation, trunk_shape
 from mocap.filters.rigid import independent_samples
 from mocap.filters.velocities import Motion
 from mocap.kinematics.delta import Points
+from mocap.text import number_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,8 @@ def functional_joint(parent: Pose, child: Pose, kind: str) -> FunctionalJoint:
     finite = np.isfinite(parent.rotation).all(axis=(1, 2)) & np.isfinite(child.rotation).all(axis=(1, 2))
     if finite.sum() < 2 * MOST:
         raise MocapError(
-            f"{finite.sum()} frames show both bodies with three markers: a functional {kind} needs {2 * MOST} at least"
+            f"{number_of(int(finite.sum()), 'frame shows', 'frames show')} both bodies with three markers: a "
+            f"functional {kind} needs {2 * MOST} at least"
         )
     one, two = parent.rotation[finite], child.rotation[finite]
     way = child.position_m[finite] - parent.position_m[finite]

@@ -14,6 +14,7 @@ from eal.arrays import Z95, Array, frozen, short_repr, unique
 from eal.over_time import OverTime
 from mocap.errors import MocapError
 from mocap.records import unknown
+from mocap.text import number_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,8 +107,8 @@ def without_unknown_angles(found: Sequence[Quantity]) -> tuple[list[Quantity], l
             if hole.any():
                 holes[one.name.removesuffix("_deg")] = hole
     notes = [
-        f"{name}_deg is unknown in {int(hole.sum())} frames, and empty there: its 95 % interval is as wide as all that "
-        "it can be"
+        f"{name}_deg is unknown in {number_of(int(hole.sum()), 'frame')}, and empty there: its 95 % interval is as "
+        "wide as all that it can be"
         for name, hole in holes.items()
     ]
     out = []

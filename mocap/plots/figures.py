@@ -58,7 +58,8 @@ def pictures(run: Result, found: Kinematics, rows: Sequence[Cycle], steps: Footf
         yield Picture(
             name="angles",
             caption="Angles of the joints that move most (flexion 0°: straight), on both sides; below each, half the "
-            "width of the 95 % interval. Bars at the bottom: one of the joint's markers was filled.",
+            "width of the 95 % interval. Bars at the bottom: one of the joint's markers was filled. Triangles: the "
+            "interval leaves the axes there, as it is wider than the curve is high.",
             figure=pairs[0][0].figure,
         )
     for kind, of in (("wing_beat", "wing beat"), ("stride", "stride")):

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Blue, vermillion, green, purple, orange, sky blue."""
 GAP = "#E8E8E8"
+LEAVES = "interval leaves the axes"
+"""What a triangle at the edge of the axes says: an interval wider than all that is drawn of the curve."""
 UNITS = {
     "deg": "°",
     "deg_s": "°/s",
@@ -119,6 +121,7 @@ def beside_each_other(n: int, *, rows: int) -> "list[Axes]":
 
 def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity], t_s: Array) -> None:
     """Values with their 95 % intervals; on ``below`` half the width of these."""
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     keys, bottom = [], 0.0
@@ -137,6 +140,9 @@ def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity
     if bottom:
         keys.append(Patch(color="0.4", label="bars: filled markers"))
     ax.set_ylim(*_limits(several))
+    left = [_leaves(ax, q, t_s, colour) for q, colour in zip(several, COLOURS, strict=False)]
+    if any(left):
+        keys.append(Line2D([], [], color="0.4", marker="^", markersize=3.5, linestyle="", label=LEAVES))
     there = np.flatnonzero(np.any([np.isfinite(q.value) for q in several], axis=0))
     if len(there):
         _over(ax, t_s[there])
@@ -149,16 +155,34 @@ def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity
 
 
 def _limits(several: Sequence[Quantity]) -> tuple[float, float]:
-    """Of values, and of the intervals of all but the least known tenth; room below for the bars."""
+    """Of values, and of their intervals but those that say hardly anything; room below for the bars.
+
+    An interval is drawn whole if it is no wider than all values together, or than half of the intervals are: the axis
+    is then at most twice as high as the curve, or holds half of all intervals of one that stands still.
+    """
     low, high = sensible([q.value for q in several])
-    ends = [
-        np.concatenate([end[np.isfinite(end)] for end in pair])
-        for pair in zip(*((q.low, q.high) for q in several), strict=True)
-    ]
-    if len(ends[0]):
-        low, high = min(low, float(np.percentile(ends[0], 10))), max(high, float(np.percentile(ends[1], 90)))
+    for q in several:
+        width = q.high - q.low
+        known = np.isfinite(width)
+        if known.any():
+            known &= width <= max(high - low, float(np.median(width[known])))
+            low, high = min(low, float(q.low[known].min())), max(high, float(q.high[known].max()))
     high = high if high > low else low + 1  # one value all the time
-    return low - 0.08 * (high - low), high
+    return low - 0.08 * (high - low), high + 0.02 * (high - low)
+
+
+def _leaves(ax: "Axes", q: Quantity, t_s: Array, colour: str) -> bool:
+    """A triangle at the edge of the axes, in the middle of each time in which an interval leaves them there."""
+    low, high = ax.get_ylim()
+    found = False
+    for beyond, edge, marker in ((q.high > high, 1.0, "^"), (q.low < low, 0.0, "v")):
+        runs = true_runs(np.asarray(beyond))
+        look = {"transform": ax.get_xaxis_transform(), "clip_on": False, "color": colour, "markersize": 3.5}
+        at = [0.5 * float(t_s[start] + t_s[stop - 1]) for start, stop in runs]
+        for mark in ax.plot(at, [edge] * len(at), marker, zorder=4, **look):
+            mark.set_in_layout(False)
+        found = found or bool(at)
+    return found
 
 
 def _over(ax: "Axes", t_s: Array) -> None:

@@ -14,6 +14,7 @@ from mocap.progress import Stages
 from mocap.recording import Recording
 from mocap.report.report import Counts, consistency, make_report, readable
 from mocap.skeleton import Skeleton
+from mocap.text import number_of
 from mocap.tracking.model_choice import ModelChoice
 from mocap.tracking.potentials import FRAME, SPACE, Potentials, joint_potentials
 from mocap.tracking.report_part import Report
@@ -156,11 +157,12 @@ def unknown_positions(count: float, total: float, frames: Sequence[int] = ()) ->
         return []
     longest = max(runs_of(frames), key=len, default=range(0))
     most = f"; most of them in frames {longest[0]} to {longest[-1]}" if len(longest) > 1 else ""
+    where = f"({count / total:.1%} of all) in gaps"
     return [
         Finding(
             kind=Kind.UNKNOWN_POSITIONS,
-            text=f"{int(count)} positions ({count / total:.1%} of all) in gaps are too uncertain to use and are left "
-            f"empty: their 95 % intervals are as wide as the animal is long{most}",
+            text=f"{number_of(int(count), f'position {where} is', f'positions {where} are')} too uncertain to "
+            f"use and left empty: 95 % intervals are as wide as the animal is long{most}",
             numbers={"samples": count, "share": count / total},
             frames=tuple(frames[:MOST]),
         )

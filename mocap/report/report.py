@@ -377,7 +377,8 @@ def readable(report: Mapping, *, title: str) -> str:
         *_gap_lines("Against the ground truth, inside gaps", report.get("gaps"), unit),
         *_gap_lines("Against the ground truth, where markers were seen", report.get("measured"), unit),
         *_gap_lines(
-            f"Samples hidden from this recording and filled again ({report['validation']['hidden_samples']} samples"
+            f"Samples hidden from this recording and filled again ("
+            f"{number_of(report['validation']['hidden_samples'], 'sample')}"
             f"{', errors across the line of sight' if one_camera else ''})",
             report["validation"]["methods"],
             unit,

@@ -22,6 +22,7 @@ from mocap.rerun import paths
 from mocap.rerun.columns import log_over_time
 from mocap.rerun.footage import CameraFootage, Footage
 from mocap.rerun.scene import ViewCamera
+from mocap.text import number_of
 from mocap.tracking.report_part import Report
 from mocap.tracking.result import Result
 
@@ -83,7 +84,8 @@ def _sentence(camera: Camera, footage: CameraFootage, source: str) -> str:
     offsets = np.unique(footage.frames - np.arange(len(footage.frames)))
     how = f"{offsets[0]:+d}" if len(offsets) == 1 else f"{offsets[0]:+d} to {offsets[-1]:+d}"
     there = int(footage.there.sum())
-    missing = "" if there == len(footage.frames) else f"; {len(footage.frames) - there} frames have no image"
+    lacking = number_of(len(footage.frames) - there, "frame has", "frames have")
+    missing = "" if there == len(footage.frames) else f"; {lacking} no image"
     lens = "" if camera.lens is None else " taken as free of distortion" if footage.straight else " straightened"
     return (
         f"{camera.name}: {footage.movie.path.name}{lens}, {footage.movie.n_frames} frames, frame of the movie = "

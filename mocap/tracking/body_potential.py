@@ -16,6 +16,7 @@ from mocap.errors import MocapError
 from mocap.kinematics.angles import turns
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.sides import words
+from mocap.text import number_of
 from mocap.tracking.potentials import FEWEST, MOST
 
 
@@ -83,7 +84,8 @@ def body_potential(found: Kinematics, joint: str, sequence: str, *, translations
     columns = [found[f"{joint}_rotation_{one}_deg"] for one in turns(sequence)]
     ok = np.all([one.rests == Rests.MEASURED for one in columns], axis=0)
     if ok.sum() < FEWEST:
-        raise MocapError(f"all markers of {joint!r} were measured in {ok.sum()} frames: a potential needs {FEWEST}")
+        frames = number_of(int(ok.sum()), "frame")
+        raise MocapError(f"all markers of {joint!r} were measured in {frames}: a potential needs {FEWEST}")
     frames = np.flatnonzero(ok)
     frames = frames[np.linspace(0, len(frames) - 1, min(len(frames), MOST)).astype(int)]
     rotation = Rotation.from_euler(sequence.upper(), np.stack([one.value[frames] for one in columns], axis=1), True)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -17,6 +18,7 @@ from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
 from mocap.findings import Kind
 from mocap.io.output import result_file
+from mocap.progress import Stages, Tell, bars
 from mocap.reading.decided import decided
 from mocap.reading.session import Siblings, facts_of, own_findings
 from mocap.recording import Recording, as_recording
@@ -90,7 +92,8 @@ def learn(
     *,
     joints: bool = False,
     seed: int = 0,
-    progress: Callable[[str], None] = lambda _line: None,
+    progress: Tell | None = None,
+    tell: Callable[[str], None] = lambda _line: None,
 ) -> Model:
     """Learn a motion model of one kind of animal from several recordings, to track others with.
 
@@ -100,7 +103,9 @@ def learn(
             animals with rigid bones and of other sizes, tracking takes 1.5 to 2.3 times as long. The skeleton states
             the bones.
         seed: Which samples are hidden to choose and to calibrate.
-        progress: Called with a line for each recording, and for each in which hidden gaps are filled.
+        progress: Called with the name of a stage and the share of it that is done; None: bars, where errors go to a
+            terminal.
+        tell: Called with a line for each recording, and for each in which hidden gaps are filled.
 
     Raises:
         MocapError: they cannot be learned from together; or joints are wanted, and the skeleton states none.
@@ -110,7 +115,9 @@ def learn(
     recordings = _told_apart([as_recording(recording, "learn") for recording in recordings])
     told = compared([facts_of(recording) for recording in recordings])
     recordings = [one.with_part(Siblings(told=tuple(told[one.name]))) if told[one.name] else one for one in recordings]
-    return Model(learn_from(recordings, seed=seed, models=WITH_JOINTS if joints else MODELS, tell=progress))
+    models = WITH_JOINTS if joints else MODELS
+    with bars() if progress is None else nullcontext(progress) as shown:
+        return Model(learn_from(recordings, seed=seed, models=models, stages=Stages(tell=shown), tell=tell))
 
 
 def _told_apart(recordings: Sequence[Recording]) -> list[Recording]:
@@ -139,6 +146,7 @@ def learn_from(
     seed: int = 0,
     effort: Effort = USUAL_EFFORT,
     models: Sequence[TrajectoryModel] = MODELS,
+    stages: Stages | None = None,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
     """Clean recordings as ``track`` does, and learn from all of them, or from some of very many.
@@ -151,16 +159,15 @@ def learn_from(
         seed: Which samples are hidden, to learn weights and intervals.
         effort: How much is hidden.
         models: Motion models; the last is a filter.
+        stages: Timer and progress.
         tell: Called with a line for each recording, and for each that gaps are filled in.
 
     Raises:
         MocapError: a recording cannot be read, or they cannot be learned from together.
     """
-    some = _Some()
-    for number, one in enumerate(_cleaned(sources, tell)):
-        seen = np.isfinite(one.xyz_m[..., 0])
-        tell(f"{one.name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
-        some.add(number, _Kept.of(one))
+    stages = stages or Stages()
+    with stages.stage("read, triangulate, clean") as share:
+        some = _kept(sources, tell, share)
     if not some.kept:
         raise MocapError("there is no recording to learn from")
     shown = some.in_order
@@ -177,18 +184,20 @@ def learn_from(
     skeleton = shown[0].skeleton
     trunk = [name for name in skeleton.trunk if name in kept]
     rng = np.random.default_rng(seed)
-    return learn_model(
-        kept,
-        trunk,
-        trials,
-        rng,
-        bones=skeleton.rigid,
-        bodies=[*skeleton.bodies.values()],
-        models=models,
-        effort=effort,
-        tell=tell,
-        call_all=call_all,
-    )
+    with stages.stage("learn, fill hidden gaps") as share:
+        return learn_model(
+            kept,
+            trunk,
+            trials,
+            rng,
+            bones=skeleton.rigid,
+            bodies=[*skeleton.bodies.values()],
+            models=models,
+            effort=effort,
+            tell=tell,
+            progress=share,
+            call_all=call_all,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +246,19 @@ class _Some:
         return [self.kept[lot] for lot in sorted(self.kept, key=lambda lot: lot[1])]
 
 
+def _kept(sources: Iterable[Recording], tell: Callable[[str], None], progress: Callable[[float], None]) -> _Some:
+    """What is kept of the recordings, cleaned; of a generator nobody knows how far it is."""
+    some, known = _Some(), len(sources) if isinstance(sources, Sequence) else None
+    for number, one in enumerate(_cleaned(sources, tell)):
+        seen = np.isfinite(one.xyz_m[..., 0])
+        frames, samples = number_of(int(seen.any(axis=1).sum()), "frame"), number_of(int(seen.sum()), "sample")
+        tell(f"{one.name}: {frames}, {samples}")
+        some.add(number, _Kept.of(one))
+        if known:
+            progress((number + 1) / known)
+    return some
+
+
 def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Iterator[Recording]:
     """The recordings, cleaned.
 
@@ -257,7 +279,7 @@ def readable_scores(learned: LearnedModel) -> str:
     """What was learned, as markdown."""
     lengths = next(iter(learned.scores.values()))["gap_frames"]
     lines = [
-        f"# A model of {len(learned.trials)} recordings",
+        f"# A model of {number_of(len(learned.trials), 'recording')}",
         "",
         f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Root mean square errors in mm in "
         "gaps that were hidden, of the mixture as the other gaps teach it. Inside: the share of its errors in their "

@@ -24,6 +24,7 @@ from mocap.filters.score import Score
 from mocap.findings import Finding, Kind
 from mocap.progress import Stages
 from mocap.recording import Recording
+from mocap.text import number_of
 from mocap.tracking.result import rate_points
 
 NAME = "one camera"
@@ -154,7 +155,8 @@ def _told(other: float | None, strange: int, wider: Array, *, trials: int, loose
     if strange:
         usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
         worse = "have larger reprojection errors than the model states" if trials == 1 else usual
-        text = f"{strange} frames show poses unlike those of the trials and were left empty: seen markers {worse}"
+        frames = number_of(strange, "frame shows a pose", "frames show poses")
+        text = f"{frames} unlike those of the trials, left empty: seen markers {worse}"
         found.append(Finding(kind=Kind.UNLIKE_POSES, text=text, numbers={"frames": strange}))
     if (wider > 1).any():
         share, times = float(np.mean(wider > 1)), float(np.sqrt(np.mean(wider[wider > 1] ** 2)))

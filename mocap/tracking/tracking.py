@@ -30,6 +30,7 @@ from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, angle_names, unknown
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
+from mocap.text import number_of
 from mocap.tracking.lasting_errors import FAR, beyond, departures, lasting_cov, root_mean_square
 from mocap.tracking.result import Result, rate_points
 from mocap.variables import VARIABLES, Values
@@ -74,7 +75,7 @@ def why_no_pose(part: Recording) -> str | None:
     """Why a whole-pose model cannot be learned from the seen part of a recording; None where it can."""
     seen = np.isfinite(part.xyz_m[..., 0])
     if seen.shape[1] < POSE_MARKERS:
-        return f"only {seen.shape[1]} markers are seen: a pose needs at least {POSE_MARKERS}"
+        return f"only {number_of(seen.shape[1], 'marker is', 'markers are')} seen: a pose needs at least {POSE_MARKERS}"
     spread = np.nanstd(part.xyz_m, axis=0)
     noise = np.sqrt(np.nanmedian(np.trace(part.cov_m2, axis1=-2, axis2=-1)) / 3) / cleaned(part).stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
@@ -82,7 +83,8 @@ def why_no_pose(part: Recording) -> str | None:
     together = int(shows_a_pose(seen).sum())
     if together < POSE_FRAMES:
         share = f"{100 * POSE_SHARE:g} %"
-        return f"only {together} frames show {share} of the markers together: a pose needs at least {POSE_FRAMES}"
+        shown = number_of(together, "frame shows", "frames show")
+        return f"only {shown} {share} of the markers together: a pose needs at least {POSE_FRAMES}"
     return None
 
 

@@ -213,6 +213,6 @@ def test_learning_tells_of_the_odd_one_out_before_it_learns():
             raise Enough  # all were looked at
 
     with pytest.raises(Enough):
-        mocap.learn(trials, progress=tell)
+        mocap.learn(trials, tell=tell)
     assert [line for line in told if line.startswith("t1: size") and "state `unit`" in line]
     assert not any(line.startswith(("t0: size", "t2: size")) for line in told)

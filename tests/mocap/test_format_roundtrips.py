@@ -209,7 +209,7 @@ def test_what_is_lost_is_listed(tmp_path):
     recording = replace(points(["a"], xyz, origin=origin, first=30), score=np.full((4, 1), 0.5))
     losses = write(recording, tmp_path / "a.trc")
     assert any("scores" in text for text in losses)
-    assert any("1 filled samples are left as gaps" in text for text in losses)
+    assert any("1 filled sample is left as a gap; `filled` writes it" in text for text in losses)
     np.testing.assert_array_equal(read(tmp_path / "a.trc").points.seen[:, 0], [True, False, True, True])
     losses = write(recording, tmp_path / "a.trc", filled=True)
     assert any("written like measured" in text for text in losses)

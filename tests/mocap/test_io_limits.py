@@ -207,7 +207,7 @@ def test_residuals_of_c3d_files_are_255_hundredths_of_a_millimetre(tmp_path, res
 def test_likelihoods_are_low_below_deeplabcuts_cutoff(tmp_path, likelihood, low):
     path = tmp_path / "a.csv"
     path.write_text(f"scorer,s,s,s\nbodyparts,a,a,a\ncoords,x,y,likelihood\n0,1,2,0.99\n1,2,3,{likelihood}\n")
-    assert sum("have a likelihood below 0.6" in said for said in read(path).findings) == low
+    assert sum("has a likelihood below 0.6" in said for said in read(path).findings) == low
 
 
 @pytest.mark.parametrize(("off_m", "moved"), [(0.4e-9, 1), (0.6e-9, 0)])
@@ -216,4 +216,4 @@ def test_zero_is_a_nanometre_away_where_it_means_missing(tmp_path, off_m, moved)
     xyz = np.array([[[1.0, 2.0, 3.0]], [[off_m, 0.0, 0.0]]])
     recording = point_recording(Path("a.csv"), "made", names=["a"], xyz=xyz, unit="m", fps=100.0)
     lost = write(recording, tmp_path / "a.trc")
-    assert sum("are set 1 nm away" in said for said in lost) == moved
+    assert sum("is set 1 nm away" in said for said in lost) == moved

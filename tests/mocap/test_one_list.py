@@ -134,7 +134,7 @@ def test_every_entrance_tells_the_same(trial, mocap, tmp_path):
             raise Enough
 
     with pytest.raises((Enough, library.MocapError)):
-        library.learn([looked.recording], progress=tell)
+        library.learn([looked.recording], tell=tell)
     assert [text for text in told if text in texts] == asks
     tracked = library.track(trial.recording(), model="constant_velocity", validate=False)
     own = [one.text for one in tracked.findings if one.alarm and one.kind not in LATER]

@@ -65,7 +65,7 @@ def test_units_times_and_pixels(tmp_path):
 def test_a_marker_twice_in_a_frame_is_refused_and_other_columns_are_named(tmp_path):
     """Two animals in one table are not one; what is of no marker is left out by its name."""
     rows(speed=1.0).to_csv(tmp_path / "a.csv", index=False)
-    assert "1 columns are of no marker and were left out: speed" in read(tmp_path / "a.csv").findings
+    assert "1 column is of no marker, left out: speed" in read(tmp_path / "a.csv").findings
     pd.concat([rows(animal="a"), rows(animal="b")]).to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(FormatError, match="line 62: 'nose' stands twice at 100: keep the rows of one animal"):
         read(tmp_path / "a.csv")

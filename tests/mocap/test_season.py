@@ -186,7 +186,7 @@ def test_learning_tells_what_the_plan_tells(few):
 
     trials = [replace(one.recording(), name=one.name) for one in plan.trials]
     with pytest.raises(Enough):
-        mocap.learn(trials, progress=tell)
+        mocap.learn(trials, tell=tell)
     for name, wrong in plan.wrong.items():
         own = [line.partition(": ")[2] for line in told if line.startswith(f"{name}: ")]
         assert [text for text in own if text in wrong] == wrong

@@ -287,7 +287,7 @@ def test_columns_of_words(tmp_path):
     is_right(table(tmp_path, lines, columns=columns))
     found = table(tmp_path, lines)
     is_right(found)
-    assert any("1 columns are of no marker and were left out: note" in finding for finding in found.findings)
+    assert any("1 column is of no marker, left out: note" in finding for finding in found.findings)
     with pytest.raises(FormatError, match="'ok' is not a number"):
         table(tmp_path, [*lines[:3], lines[3].replace(",ok", ",1"), *lines[4:]], columns=columns)
 

@@ -52,7 +52,7 @@ def test_markers_among_other_columns_are_read_and_the_rest_is_named(tmp_path):
     found = read(tmp_path / "x.csv")
     assert found.names == tuple(f"m{k}" for k in range(10))
     np.testing.assert_allclose(found.points.xyz_m.reshape(20, 30), values[:, :30], atol=1e-4)
-    assert f"7 columns are of no marker and were left out: {', '.join(others)}" in found.findings
+    assert f"7 columns are of no marker, left out: {', '.join(others)}" in found.findings
     np.savetxt(tmp_path / "x.csv", values[:, :10], "%.4f", ",", header=",".join([*markers[:3], *others]), comments="")
     with pytest.raises(FormatError, match="state what the columns are"):
         read(tmp_path / "x.csv")

@@ -1,14 +1,23 @@
 """The time that is said to be left of a whole, beside what was left: traces of real runs, processor seconds."""
 
+from contextlib import contextmanager
 from functools import partial
+from itertools import groupby, pairwise
 
 import pytest
+from mocap.datasets import make_bat
+from mocap.filters.hidden_gaps import EACH_MARKER, Effort
+from mocap.filters.model import TUNED
 from mocap.filters.models.base import in_turn, shares, with_effort
+from typer.testing import CliRunner
 
 from docs import build
 from mocap.cli import design_joint
-from mocap.progress import as_one
+from mocap.cli.main import app
+from mocap.progress import Stages, as_one
+from mocap.recording import of_points
 from mocap.side_by_side import call_all
+from mocap.tracking.learning import learn_from
 
 DESIGN = (
     (11.3, "shape the truss", 0.083),
@@ -65,3 +74,54 @@ def test_a_call_counts_for_the_time_that_it_takes(caller):
         caller(calls, said.append)
         assert said == pytest.approx(wanted)
     assert shares(None, [1.0, 2.0]) == [None, None]
+
+
+LEARN = ((14.6, 0.0), (15.7, 0.018), (20.6, 0.285), (25.9, 0.542), (31.3, 0.748), (37.0, 1.0))
+"""Share of the hidden gaps that is filled, of ``mocap learn`` of three flights; settings were begun at 10.7 s."""
+
+
+def test_learning_says_what_is_left_within_a_third():
+    """Settings, which tell nothing while they are learned, count for the time that they take."""
+    for second, filled in LEARN:
+        spent, whole = second - 10.7, 37.0 - 10.7
+        share = TUNED + (1 - TUNED) * filled
+        assert spent * (1 / share - 1) == pytest.approx(whole - spent, rel=1 / 3, abs=0.05 * whole), second
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_learning_tells_each_stage_from_its_begin_to_its_end(known):
+    """Two, in order; each grows from 0 to 1, the first by recordings where their number is known."""
+    flights = [make_bat(seed=seed, n_frames=40, n_cameras=2) for seed in (0, 1)]
+    read = [of_points(one.truth, one.skeleton, name=f"f{k}") for k, one in enumerate(flights)]
+    told, effort = [], Effort(validated=1, times=1)
+    stages = Stages(tell=lambda *said: told.append(said))
+    learn_from(read if known else iter(read), effort=effort, models=(EACH_MARKER, EACH_MARKER), stages=stages)
+    shares_of = {stage: [share for _, share in some] for stage, some in groupby(told, lambda one: one[0])}
+    assert [*shares_of] == ["read, triangulate, clean", "learn, fill hidden gaps"] == [*stages.seconds]
+    first, second = shares_of.values()
+    assert first == ([0.0, 0.5, 1.0, 1.0] if known else [0.0, 1.0])
+    assert all(later >= earlier for earlier, later in pairwise(second))
+    assert (second[0], second[-1]) == (0.0, 1.0)
+    assert TUNED in second
+
+
+@pytest.mark.parametrize(
+    ("command", "stage"),
+    [
+        (("track", "--fit-lens", "--out", "out"), "read, estimate the lens"),
+        (("track", "--out", "out"), "read"),
+        (("skeleton",), "read"),
+        (("learn", "--out", "a.npz"), "read"),
+    ],
+)
+def test_what_is_read_before_the_work_begins_is_told(monkeypatch, command, stage):
+    """Before the file is opened: a large one is read, and its lens estimated, for a while."""
+    told = []
+
+    @contextmanager
+    def heard():
+        yield lambda *said: told.append(said)
+
+    monkeypatch.setattr(f"mocap.cli.{command[0]}.progress", heard)
+    assert CliRunner().invoke(app, [*command, "no_such_file.csv"]).exit_code
+    assert told == [(stage, 0.0)]

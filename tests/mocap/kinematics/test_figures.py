@@ -16,7 +16,7 @@ from mocap.kinematics.cycles import cycles
 from mocap.kinematics.extremes import cycle_statistics
 from mocap.kinematics.records import DOUBTFUL, Quantity
 from mocap.plots.figures import Picture
-from mocap.plots.kinematics import label, plot_gaps, sensible
+from mocap.plots.kinematics import LEAVES, label, lines_over_time, new_axes, plot_gaps, sensible
 from mocap.plots.page import _peaks, report_page
 from mocap.records import Status
 from mocap.results.tracked import Tracked
@@ -165,6 +165,27 @@ def test_one_outlier_does_not_flatten_a_plot():
     low, high = sensible([values])
     assert -1.3 < low < -1
     assert 1 < high < 1.3
+
+
+@pytest.mark.parametrize(("widest", "leaves"), [(40.0, False), (400.0, True)])
+def test_a_band_is_drawn_whole_or_said_to_leave_the_axes(widest, leaves):
+    """Full if no wider than the curve is high (100 degrees); else the axis is that of all others, with a triangle."""
+    t, sd = np.arange(200) / 100, np.full(200, 2.0)
+    sd[90:110] = 0.5 * widest / 1.96
+    value = 90 + 50 * np.sin(2 * np.pi * t)
+    rests = np.zeros(200, dtype=np.int8)
+    more = {"what": "flexion", "kind": "joint", "markers": ()}
+    q = Quantity(name="elbow_flexion_deg", unit="deg", value=value, sd=sd, rests=rests, **more)
+    ax = new_axes()
+    lines_over_time(ax, None, [q], t)
+    low, high = ax.get_ylim()
+    outside = (q.low < low) | (q.high > high)
+    assert outside.any() == leaves
+    assert not outside[:90].any()
+    assert high - low < 2.2 * np.ptp(value)
+    marks = [line for line in ax.lines if line.get_marker() in ("^", "v") and len(line.get_xdata())]
+    assert bool(marks) == leaves
+    assert (LEAVES in [text.get_text() for text in ax.get_legend().get_texts()]) == leaves
 
 
 def test_labels_are_words():

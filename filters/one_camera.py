@@ -52,6 +52,7 @@ class Found:
         wider: (T,) what deviations were multiplied by, as ``LeftOut.wider`` says.
         residual_px: (T, M) what is left of the rays.
         loose: Whether bones did not lead to an end, and poses are those of rays alone.
+        left_out: How trials fared that were left out.
     """
 
     estimate: Estimate
@@ -63,6 +64,7 @@ class Found:
     wider: Array
     residual_px: Array
     loose: bool
+    left_out: "LeftOut"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,11 +76,16 @@ class LeftOut:
             tells.
         strange: (G,) what it is, increasing.
         wider: (G,) what variances there must be multiplied by, at least 1; it never falls.
+        error_m: RMS error in such a view relative to the mean of the markers, where the others lack no phases; NaN:
+            none tells.
+        spread_m: The same of the mean body in place of what was found: what a view that tells nothing would leave.
     """
 
     most: float
     strange: Array
     wider: Array
+    error_m: float = np.nan
+    spread_m: float = np.nan
 
 
 UNDOUBTED = LeftOut(most=np.inf, strange=np.zeros(1), wider=np.ones(1))
@@ -230,6 +237,7 @@ def track_views(
         wider=wider,
         loose=loose,
         residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
+        left_out=doubted,
     )
 
 
@@ -324,19 +332,39 @@ def left_out(
         with suppress(FilterError):
             problem, best, _ = held_by_bones(recorded, pixels, between(start, some, len(own.t_s)), within=ROUGHLY)
             xyz, lags = marked(problem, recorded, pixels, best, within=ROUGHLY)
-            found.append([strange(recorded, best), _squared(xyz, lags[0], own), np.full(len(xyz), lacking or single)])
-    unlike, squared, lacks = np.concatenate([np.zeros((3, 0)), *found], axis=1)
+            lacks = np.full(len(xyz), lacking or single)
+            shape = (whole.y - part.mean).reshape(xyz.shape)
+            off = [_relative(xyz - own.xyz_m), _relative(shape)]
+            found.append([strange(recorded, best), _squared(xyz, lags[0], own), lacks, *off])
+    unlike, squared, lacks, *off = np.concatenate([np.zeros((5, 0)), *found], axis=1)
     finite = np.isfinite(unlike) & np.isfinite(squared)
     if not finite.any():
         return UNDOUBTED
     order, usual = np.argsort(unlike[finite], kind="stable"), unlike[finite & (lacks == 0)]
     groups = np.array_split(order, max(1, round(len(order) / prior.lasts)))  # frames that err alike
+    error, spread = (_rms(one[finite & (lacks == 0)]) for one in off)
     means = np.array([[one[finite][group].mean() for group in groups] for one in (unlike, squared)])
     return LeftOut(
         most=float(np.quantile(usual, 1 - ALARMS)) if len(usual) else np.inf,
         strange=means[0],
         wider=np.maximum(isotonic_regression(means[1]).x, 1.0),
+        error_m=error,
+        spread_m=spread,
     )
+
+
+def _relative(error_m: Array) -> Array:
+    """(T,) mean square of (T, M, 3) errors relative to the mean of the markers that have one; NaN of fewer than two."""
+    seen = np.isfinite(error_m[..., 0])
+    count = np.maximum(seen.sum(axis=1), 1)
+    error = np.where(seen[..., None], error_m, 0.0)
+    centred = np.where(seen[..., None], error - (error.sum(axis=1) / count[:, None])[:, None], 0.0)
+    return np.where(count > 1, np.sum(centred**2, axis=(1, 2)) / count, np.nan)
+
+
+def _rms(squares: Array) -> float:
+    """Root of the mean of squares; NaN of none."""
+    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.nan
 
 
 def _without(trial: MarkerTrial, lacks: NDArray[np.bool_]) -> MarkerTrial:

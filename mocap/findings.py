@@ -103,6 +103,7 @@ class Kind(StrEnum):
     ONE_CAMERA = "one camera"
     MIRROR_IMAGE = "mirror image"
     UNLIKE_POSES = "unlike poses"
+    POOR_VIEW = "poor view"
     WIDER_INTERVALS = "wider intervals"
     UNKNOWN_POSITIONS = "unknown positions"
     ONE_TRIAL = "one trial"

@@ -34,7 +34,8 @@ class FittedViews:
         """The most probable poses, NaN in frames whose poses are unlike those of the trials.
 
         ``Estimate.own`` has of these ``unlike`` (T,), what deviations were multiplied by, ``wider`` (T,), the
-        probability of the ``mirror_image``, ``residual_px`` (T, M), and whether bones had to be ``loose``.
+        probability of the ``mirror_image``, ``residual_px`` (T, M), whether bones had to be ``loose``, and
+        what trials that were left out erred by in such a view and spread by, ``left_out_m`` (2,).
 
         Args:
             observations: What was seen; deviations are those of the pixels alone.
@@ -60,6 +61,7 @@ class FittedViews:
                 "mirror_image": np.array(found.other),
                 "residual_px": found.residual_px,
                 "loose": np.array(found.loose),
+                "left_out_m": np.array([found.left_out.error_m, found.left_out.spread_m]),
             },
         )
 

@@ -32,6 +32,10 @@ NAME = "one camera"
 RARE = 0.05
 """Mirror images of a smaller probability are not told of. Chosen."""
 
+POOR = 0.5
+"""A view is poor if trials left out err in it by more than this share of what poses spread by: three quarters of their
+variance are told at 0.5. Chosen: limbs seen across their swing have 0.03 to 0.1, along it 0.65 (simulated)."""
+
 
 def track_one_camera(
     source: Recording,
@@ -117,6 +121,7 @@ def _cleaned(film: Recording, part: Recording, found: Estimate, noise: float, tr
     rays = np.full(film.ideal_px.shape[:3], noise)
     wider, loose = own["wider"][~own["unlike"]], bool(own["loose"])
     told = _told(other if other > RARE else None, int(own["unlike"].sum()), wider, trials=trials, loose=loose)
+    told += _poor(*map(float, own["left_out_m"]))
     return written(
         film,
         Cleaned(jitter_px=noise, told=tuple(told)),
@@ -177,3 +182,15 @@ def _told(other: float | None, strange: int, wider: Array, *, trials: int, loose
         text = "no poses fit both the pixels and the bones of the model: check that it is of this animal"
         found.append(Finding(kind=Kind.BONES_NOT_KEPT, text=text))
     return found
+
+
+def _poor(error_m: float, spread_m: float) -> list[Finding]:
+    """That a view tells little of poses, by what trials that were left out erred by in it; NaN: none tells."""
+    if not error_m > POOR * spread_m:
+        return []
+    text = (
+        f"this view tells little of the pose: in it trials that the model left out err by {1e3 * error_m:.1f} mm "
+        f"(RMS, relative to the mean of the markers), one pose for all frames by {1e3 * spread_m:.1f}: film across the "
+        "plane of the movement, or with a second camera"
+    )
+    return [Finding(kind=Kind.POOR_VIEW, text=text, numbers={"error_m": error_m, "spread_m": spread_m})]

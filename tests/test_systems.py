@@ -75,6 +75,8 @@ ALLOWED = {
     ("mocap/side_by_side.py", "os.sysconf"): "after /proc was read, which Linux alone has",
     ("mocap/side_by_side.py", "start forkserver"): "behind a question for linux; others spawn",
     ("mocap/side_by_side.py", "os.sched_getaffinity"): "behind hasattr",
+    ("mocap/side_by_side.py", "signal.SIG_BLOCK"): "where a forkserver starts, which is on linux alone",
+    ("mocap/side_by_side.py", "signal.SIG_SETMASK"): "where a forkserver starts, which is on linux alone",
 }
 """What stands in a file though not all systems have it, and why it does no harm there."""
 

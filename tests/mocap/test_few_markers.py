@@ -46,7 +46,7 @@ def test_gravity_is_within_its_interval(fallen):
 def test_the_report_names_the_model(fallen):
     """The default of one to three markers has its own name, and says why; constant velocity can still be asked for."""
     assert fallen.model == "smooth_acceleration"
-    assert "only 1 markers are seen" in fallen.report["model"]["why"]
+    assert "only 1 marker is seen" in fallen.report["model"]["why"]
     plain = tracked(ball(0), model="constant_velocity")
     assert plain.model == "constant_velocity"
     wide = plain.kinematics["p0_acceleration_z_m_s2"].sd[55]

@@ -28,9 +28,9 @@ USUAL_WIDTH = 4.0
 """Beta times the median squared distance, where nothing is known of a potential's use; ``eal.choose`` looks for it."""
 USUAL_LAMBDA = 1e-3
 """Spectral filtering parameter there."""
-ROUNDING = float(np.finfo(np.float64).eps) / 2
+HALF_DIGIT = float(np.finfo(np.float64).eps) / 2
 """1 less this is 1."""
-MANY = 64
+MANY_POINTS = 64
 """Of so many points those far from all samples are looked for, and not computed."""
 
 
@@ -124,10 +124,10 @@ class EmpiricalPotential:
 
     def _value(self, q: Array) -> Array:
         k = self.kernel.gram(q, self.centres)
-        if len(q) < MANY:
+        if len(q) < MANY_POINTS:
             return self._of_kernels(k)
         # |B^T k|^2 <= |B|^2 |k|^2: most of a map is so far from all samples that V is 1 to the last digit
-        near = np.einsum("nm,nm->n", k, k) * np.einsum("mr,mr->", self.root, self.root) > ROUNDING
+        near = np.einsum("nm,nm->n", k, k) * np.einsum("mr,mr->", self.root, self.root) > HALF_DIGIT
         value = np.ones(len(q))
         value[near] = self._of_kernels(k[near])
         return value

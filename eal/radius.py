@@ -104,8 +104,9 @@ def resampled_values(
 ) -> tuple[Array, Array]:
     """(n,) V of all samples and (resamples, n) V of what is drawn, at the points; see ``value_deviation``.
 
-    Each costs the eigenvectors of a matrix of ``max_rank``. Joints of a bat: 200 moves their deviations by 3 % (rms),
-    120 makes them a quarter too small.
+    Each resample costs the eigenvectors of a matrix of ``max_rank``. Deviations of four joints of a bat (40 resamples)
+    are 15 to 16 % (rms) from those of 300 resamples at rank 300, 15 to 17 % at 200; 120 makes them 14 to 24 % too
+    small.
     """
     z, n = potential.samples, len(potential.samples)
     at = points("q", q, potential.dimension).reshape(-1, potential.dimension)

@@ -17,10 +17,10 @@ EDGE = 0.5
 """The value of the potential at the edge of a joint's range."""
 NEVER = 0.9
 """Where it is higher the joint was never near."""
-GRID, FAR = 121, 0.999
+GRID, OUTSIDE = 121, 0.999
 """Points along an edge of the map, and the potential from which on no other recording would make it an edge."""
 RESAMPLES, RANK = 24, 200
-"""What its interval is made of: the standard deviations of joints of a bat are known to 20 % then, to 16 with twice."""
+"""What its interval is made of: a joint's standard deviation is known to a fifth then (40 and 300: to 16 %)."""
 BIN_DEG = 5.0
 """Width of the bars that say how often the joint was at an angle."""
 REACH, BARS = 1.6, (1.1, 1.38)
@@ -92,7 +92,7 @@ def joint_map(joint: str, potential: EmpiricalPotential, samples_m: Array, scale
     x, y = corner[:, None] + np.linspace(0.0, float((high - low).max()), GRID)
     q = np.stack(np.meshgrid(x, y), axis=-1) / (1e3 * scale_m)
     value = potential.value(q)
-    near, sd = value < FAR, np.zeros_like(value)
+    near, sd = value < OUTSIDE, np.zeros_like(value)
     rng = np.random.default_rng(0)  # the same picture each time
     sd[near] = value_deviation(potential, q[near], rng=rng, resamples=RESAMPLES, max_rank=RANK)
     ends = [_lines(x, y, value + sign * Z95 * sd) for sign in (-1, 1)]

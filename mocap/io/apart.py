@@ -1,4 +1,4 @@
-"""MATLAB files of version 5 and later, and HDF5: first read in a process of their own, ``apart KIND FILE MOST``.
+"""MATLAB (5 and later), HDF5 and classic NetCDF files: first read in a process of their own, ``apart KIND FILE MOST``.
 
 Damaged files send SciPy (1.17) and the HDF5 library (2.0) into endless loops and forbidden memory. That process exits
 with 0 and a pickle of plain values, or with REFUSED and a message on stdout. What it reads comes back through a pipe:
@@ -130,6 +130,19 @@ def root_names(path: Path) -> frozenset[str]:
     return frozenset(_once(path, "HDF5", path.stat().st_mtime_ns, path.stat().st_size))
 
 
+CLASSIC_NETCDF = (b"CDF\x01", b"CDF\x02")
+"""How a NetCDF file of before HDF5 begins."""
+
+
+def classic_names(path: Path) -> frozenset[str]:
+    """Names of the variables of a classic NetCDF file, of which all was read.
+
+    Raises:
+        FormatError: it cannot be read.
+    """
+    return frozenset(_once(path, "NetCDF", path.stat().st_mtime_ns, path.stat().st_size))
+
+
 @lru_cache(maxsize=2)
 def _once(path: Path, kind: str, _changed_ns: int, _size: int) -> Any:
     """What a file in one state holds; the sniffers and the reader ask for it in turn."""
@@ -181,7 +194,7 @@ def _answer(kind: str, path: str, most: int) -> int:
     end_with(0)
     out, code = os.dup(1), 0
     os.dup2(2, 1)
-    for library in ("h5py", "scipy.io") if kind == "MATLAB" else ("h5py",):
+    for library in ("h5py",) if kind == "HDF5" else ("h5py", "scipy.io"):
         import_module(library)  # before memory is limited
     limit_memory(SPARE_BYTES + 2 * most)  # as it is read, and as it is sent
     try:
@@ -250,7 +263,22 @@ def matlab_values(path: str, most: int) -> dict[str, Any]:
     return _plain(loadmat(path, simplify_cells=True))
 
 
-READERS = {"HDF5": hdf5_names, "MATLAB": matlab_values}
+def netcdf_names(path: str, most: int) -> list[str]:
+    """Names of the variables of a classic NetCDF file, whose values lie in it as they are.
+
+    Raises:
+        MemoryError: they announce more than ``most`` bytes.
+    """
+    from scipy.io import netcdf_file
+
+    with netcdf_file(path, mmap=False) as file:
+        found = dict(file.variables)
+        if sum(one.data.nbytes for one in found.values()) > most:
+            raise MemoryError
+        return [str(name) for name in found]
+
+
+READERS = {"HDF5": hdf5_names, "MATLAB": matlab_values, "NetCDF": netcdf_names}
 
 
 def _plain(value: Any) -> Any:

@@ -10,7 +10,7 @@ from typing import Literal
 
 from mocap.documents import check_regular, open_regular
 from mocap.errors import FormatError, beside, shown_elsewhere
-from mocap.io.apart import root_names, variables
+from mocap.io.apart import CLASSIC_NETCDF, classic_names, root_names, variables
 from mocap.io.contents import FileContents
 from mocap.io.lines import one_kind
 
@@ -73,6 +73,16 @@ class Head:
     def hdf5(self) -> frozenset[str]:
         """Names at the root of an HDF5 file; empty of others."""
         return root_names(self.path) if self.is_hdf5 else frozenset()
+
+    @property
+    def is_classic_netcdf(self) -> bool:
+        """Whether it is NetCDF of before HDF5 (versions 1 and 2), which xarray writes where it has no other library."""
+        return self.start[:4] in CLASSIC_NETCDF
+
+    @cached_property
+    def netcdf(self) -> frozenset[str]:
+        """Names of the variables of a NetCDF file of either kind, or at the root of any HDF5 file."""
+        return classic_names(self.path) if self.is_classic_netcdf else self.hdf5
 
     @cached_property
     def mat(self) -> frozenset[str]:

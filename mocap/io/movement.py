@@ -176,7 +176,7 @@ def write_movement(path: Path, recording: FileContents) -> None:
 MOVEMENT = Format(
     name="movement",
     title="poses of the package movement (NetCDF)",
-    knows=lambda head: {"position", "space"} <= head.hdf5,
+    knows=lambda head: {"position", "space"} <= head.netcdf,
     read=lambda path, _: of_dataset(read_netcdf(path, again=_AGAIN), path),
     write=write_movement,
     holds=frozenset(

@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap.documents import damaged
 from mocap.errors import FormatError
-from mocap.io.apart import check_bytes
+from mocap.io.apart import CLASSIC_NETCDF, check_bytes
 from mocap.schema import Schema, checked
 
 if TYPE_CHECKING:  # xarray takes a fifth of a second, which files of other kinds need not wait for
@@ -153,10 +153,12 @@ def read_netcdf(path: Path, *, again: str) -> "xr.Dataset":
     import xarray as xr
 
     with damaged(f"{path}: cannot be read as NetCDF", again):
-        plain = _plain(path)
+        with path.open("rb") as stream:
+            classic = stream.read(4) in CLASSIC_NETCDF
+        plain = None if classic else _plain(path)
         if plain is not None:
             return plain
-        with xr.open_dataset(path, engine="h5netcdf") as file:
+        with xr.open_dataset(path, engine="scipy" if classic else "h5netcdf") as file:
             check_bytes(path, sum(one.nbytes for one in file.variables.values()), "its variables")
             return file.load()
 

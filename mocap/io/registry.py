@@ -119,6 +119,8 @@ def looks_like(head: Head) -> str:
     """What a file is by its beginning, in words: its kind, and how it begins."""
     if head.is_hdf5:
         return "an HDF5 file with " + ", ".join(sorted(head.hdf5)[:6])
+    if head.is_classic_netcdf:
+        return "a NetCDF file with " + ", ".join(sorted(head.netcdf)[:6])
     if head.mat:
         return f"a MATLAB file with {', '.join(sorted(head.mat)[:6])}"
     if head.start[4:8] == b"ftyp":
@@ -330,7 +332,7 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
 
     def of_file(file: Path, notes: Sequence[str]) -> FileContents:
         """As of the file that the user named, its findings beginning with how its text was read."""
-        _ = head(file).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
+        _ = head(file).netcdf  # a damaged file is refused here, in whatever format it is asked for
         found = plausible(format.read(file, hints), hints.zero)
         return replace(found, paths=(path,), findings=(*notes, *found.findings), assumed=(*notes, *found.assumed))
 

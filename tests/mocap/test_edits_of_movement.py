@@ -93,9 +93,13 @@ def test_a_log_is_converted_by_a_command(tmp_path):
     assert standing(any_log(out).edits) == [SWAP, DROP]
 
 
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 @pytest.mark.parametrize("dimensions", [2, 3])
-def test_the_flag_of_each_sample_is_read_and_written(tmp_path, dimensions):
-    """As movement's editor saves it: True where a person has been, without a confidence there."""
+def test_the_flag_of_each_sample_is_read_and_written(tmp_path, dimensions, engine):
+    """As movement's editor saves it: True where a person has been, without a confidence there.
+
+    By HDF5, and as classic NetCDF, which xarray writes where it finds no library but SciPy.
+    """
     import xarray
 
     rng = np.random.default_rng(1)
@@ -119,11 +123,11 @@ def test_the_flag_of_each_sample_is_read_and_written(tmp_path, dimensions):
         attrs={"ds_type": "poses", "fps": 50.0, "time_unit": "seconds", "source_software": "DeepLabCut"},
     )
     first, again = tmp_path / "theirs.nc", tmp_path / "again.nc"
-    theirs.to_netcdf(first)
+    theirs.to_netcdf(first, engine=engine)
     contents = read(first)
     np.testing.assert_array_equal(contents.tables["edited"], edited[..., 0])
     assert not write(contents, again)
-    with xarray.open_dataset(again) as found:
+    with xarray.open_dataset(again, engine="h5netcdf") as found:
         assert found["edited"].dtype == bool
         np.testing.assert_array_equal(found["edited"].values.squeeze(), edited[..., 0])
     stated = {"unit": "mm"} if dimensions == 3 else {}

@@ -9,6 +9,7 @@ import xarray as xr
 
 from mocap.errors import FormatError
 from mocap.io.netcdf import _plain, as_netcdf, read_netcdf
+from mocap.io.registry import identify
 
 RNG = np.random.default_rng(0)
 DATASETS = {
@@ -99,3 +100,14 @@ def test_what_would_fill_the_memory_is_not_unpacked(tmp_path):
 def test_the_same_dataset_is_the_same_bytes():
     """A result depends on its content alone: no times, no addresses."""
     assert as_netcdf(DATASETS["poses"], packed=True) == as_netcdf(DATASETS["poses"], packed=True)
+
+
+def test_a_classic_file_that_is_cut_or_foreign_is_refused(tmp_path):
+    """By what is wrong with it: half of one that xarray wrote by SciPy, and one of other variables."""
+    whole, cut = tmp_path / "whole.nc", tmp_path / "cut.nc"
+    xr.Dataset({"depth": ("time", np.arange(500.0))}).to_netcdf(whole, engine="scipy")
+    cut.write_bytes(whole.read_bytes()[:1000])
+    with pytest.raises(FormatError, match="a NetCDF file with depth: not a known format"):
+        identify(whole)
+    with pytest.raises(FormatError, match=r"cut\.nc: cannot be read as NetCDF .*copy or export it again"):
+        identify(cut)

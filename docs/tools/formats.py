@@ -2,7 +2,7 @@
 
 from mocap.entrances import as_markdown
 from mocap.io.format import Format
-from mocap.io.registry import FORMATS
+from mocap.io.registry import formats
 
 WORDS = {
     "pixels": "pixels",
@@ -24,10 +24,11 @@ WORDS = {
 
 def page() -> str:
     """All formats, what is written to each and what is lost, in Markdown."""
-    written = [f for f in FORMATS if f.write is not None]
+    written = [f for f in formats() if f.write is not None]
     lines = [
         "# File formats\n",
-        f"Made from the program's registry: {len(FORMATS)} formats are read, {len(written)} of them also written. "
+        f"Made from the program's registry: {sum(1 for _ in formats())} formats are read, {len(written)} of them also "
+        "written. "
         "Files are recognised by content, not by name; `--format NAME` states a format where recognition fails. `mocap "
         "info FILE` says which format a file has and what is in it.\n",
         "## Formats that are written\n",
@@ -48,7 +49,7 @@ def page() -> str:
     ]
     lines += [
         f"| {f.title} | `{f.name}` | {'yes' if f.write is not None else ''} |"
-        for f in sorted(FORMATS, key=lambda f: f.title.lower())
+        for f in sorted(formats(), key=lambda f: f.title.lower())
     ]
     lines += ["", "## Which command takes what", "", "Where it is refused, a part of the message.", "", as_markdown()]
     return "\n".join([*lines, ""])

@@ -118,9 +118,9 @@ def models(ctx: typer.Context, incomplete: str) -> Iterator[str]:  # noqa: ARG00
 @_quiet
 def read_formats(ctx: typer.Context, incomplete: str) -> Iterator[str]:  # noqa: ARG001
     """Formats that are read."""
-    from mocap.io.registry import FORMATS
+    from mocap.io.registry import formats
 
-    yield from (one.name for one in FORMATS)
+    yield from (one.name for one in formats())
 
 
 @_quiet

@@ -149,6 +149,7 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
     "anipose-3d",
     "points of Anipose (CSV)",
     lambda head: {"_error", "_ncams", "_score"} <= {cell[cell.rfind("_") :] for cell in head.cells()},
+    signs="csv _error _ncams _score fnum M_00 table",
 )
 def _points(path: Path, _hints: Hints) -> FileContents:
     """Points in the frame of the cameras: (p + center) M, where the file holds a rotated frame."""
@@ -210,6 +211,7 @@ ANIPOSE_CALIBRATION = Format(
     write=lambda path, recording: write_calibration(path, recording.cameras),
     holds=frozenset({"cameras"}),
     suffixes=(".toml",),
+    signs="toml matrix distortions rotation translation size",
 )
 
 

@@ -16,7 +16,12 @@ _ARGUS_INTERVAL = re.compile(r"(?P<name>.+)(?P<axis>_[xyz]_(lower|upper))")
 _ARGUS_ENDS = ("_x_lower", "_x_upper", "_y_lower", "_y_upper", "_z_lower", "_z_upper")
 
 
-@file_format("argus-xypts", "pixel tracks of Argus clicker (CSV)", lambda head: bool(names_of(head, ARGUS_PIXEL)))
+@file_format(
+    "argus-xypts",
+    "pixel tracks of Argus clicker (CSV)",
+    lambda head: bool(names_of(head, ARGUS_PIXEL)),
+    signs="csv cam_1_x cam_1_y table pixels",
+)
 def _argus_pixels(path: Path, _hints: Hints) -> FileContents:
     expected = "names like track_cam_1_x"
     names, numbers, uv = by_title(path, read_table(path), ARGUS_PIXEL, ["x", "y"], expected=expected)
@@ -55,6 +60,7 @@ ARGUS_XYZRES = Format(
     "argus-xyzpts",
     "points of Argus clicker (CSV)",
     lambda head: bool(names_of(head, _ARGUS_POINT)) and any(cell.endswith("_z") for cell in head.cells()),
+    any_names=True,
 )
 def _argus_points(path: Path, _hints: Hints) -> FileContents:
     names, _, (xyz,) = by_title(path, read_table(path), _ARGUS_POINT, ["_x", "_y", "_z"], expected="names like track_x")

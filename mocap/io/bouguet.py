@@ -50,6 +50,7 @@ def _intrinsics(path: Path, table: dict[str, Any], side: str) -> tuple[Array, Ar
     "bouguet",
     "lens of one camera of Bouguet's toolbox (Calib_Results.mat)",
     lambda head: {"fc", "cc", "kc", "omc_1"} <= head.mat or {"fc", "cc", "kc", "alpha_c", "nx"} <= head.mat,
+    signs="mat fc cc kc alpha_c omc_1 Tc_1 KK",
 )
 def _single(path: Path, _hints: Hints) -> FileContents:
     table = variables(path)
@@ -68,6 +69,7 @@ def _single(path: Path, _hints: Hints) -> FileContents:
     "bouguet-stereo",
     "two cameras of Bouguet's toolbox (Calib_Results_stereo.mat)",
     lambda head: {"fc_left", "cc_left", "kc_left", "fc_right", "R", "T"} <= head.mat,
+    signs="mat fc_left cc_left kc_left fc_right R T om KK_left",
 )
 def _stereo(path: Path, _hints: Hints) -> FileContents:
     """The world is the left camera's axes; a point of the right one's is R x + T, in the unit of the squares."""

@@ -558,4 +558,5 @@ C3D = Format(
     needs=frozenset({"fps", "unit"}),
     zero_is_missing=True,
     suffixes=(".c3d",),
+    signs="binary c3d",
 )

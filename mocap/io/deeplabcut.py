@@ -243,6 +243,7 @@ DEEPLABCUT_CSV = Format(
     holds=_WRITTEN,
     suffixes=("dlc.csv",),
     files=camera_files,
+    signs="csv scorer bodyparts coords likelihood table",
 )
 DEEPLABCUT_H5 = Format(
     name="deeplabcut-h5",
@@ -253,4 +254,5 @@ DEEPLABCUT_H5 = Format(
     holds=_WRITTEN,
     suffixes=("dlc.h5",),
     files=camera_files,
+    signs="hdf5 df_with_missing",
 )

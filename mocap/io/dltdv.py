@@ -163,7 +163,12 @@ def _origin_beside(path: Path) -> PixelCorner | None:
     return next((corner for corner in BOTH if isinstance(card, dict) and card.get("pixel_origin") == corner), None)
 
 
-@file_format("dltdv-xypts", "pixel tracks of DLTdv (flat CSV)", _is_pixels)
+@file_format(
+    "dltdv-xypts",
+    "pixel tracks of DLTdv (flat CSV)",
+    _is_pixels,
+    signs="csv pt1_cam1_X pt1_cam1_Y pt1_cam2_X table pixels",
+)
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     (names, cameras, uv), origin = pixel_cells(path), _origin_beside(path)
     notes = ("the file does not record the corner that pixel rows are counted from",) if origin is None else ()
@@ -176,7 +181,7 @@ def _is_points(head: Head) -> bool:
     return bool(names) and (_numbered(names) or "xyzpts" in head.name or "xyzfilt" in head.name)
 
 
-@file_format("dltdv-xyzpts", "points of DLTdv (flat CSV)", _is_points)
+@file_format("dltdv-xyzpts", "points of DLTdv (flat CSV)", _is_points, signs="csv pt1_X pt1_Y pt1_Z table")
 def _points(path: Path, _hints: Hints) -> FileContents:
     names, table = _point_cells(path)
     points = _tracks(names, table, 1.0)
@@ -258,6 +263,7 @@ DLTDV_COEFFICIENTS = Format(
     title="DLT coefficients (CSV, 11 rows, one column for each camera)",
     knows=_is_coefficients,
     read=lambda path, _: calibration_recording(path, "dltdv-coefficients", read_coefficients(path)),
+    signs="csv table numbers eleven-rows",
 )
 
 
@@ -335,7 +341,8 @@ def write_set(path: Path, recording: FileContents) -> list[str]:
 DLTDV = Format(
     name="dltdv",
     title="DLTdv's flat CSV set",
-    knows=lambda _head: False,  # its files are formats of their own
+    knows=lambda _head: False,
+    is_set=True,
     read=lambda path, _: _not_one(path),
     write=write_set,
     holds=frozenset({"pixels", "points", "cameras", "residual_px", "offset_frames"}),

@@ -160,6 +160,7 @@ DLTDV_SPARSE = Format(
     title="sparse TSV of DLTdv",
     knows=lambda head: head.first.lower().startswith("sparse format") and _kind(head) is not None,
     read=lambda path, hints: _read(path, hints, argus=False),
+    signs="tsv sparse format camera coordinates file table",
 )
 ARGUS_SPARSE = Format(
     name="argus-sparse",

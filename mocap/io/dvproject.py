@@ -22,7 +22,12 @@ from mocap.records import marker_tracks
 _DATA = "udExport/data"
 
 
-@file_format("dltdv-project", "project of DLTdv8 (MATLAB 7.3)", lambda head: "udExport" in head.hdf5)
+@file_format(
+    "dltdv-project",
+    "project of DLTdv8 (MATLAB 7.3)",
+    lambda head: "udExport" in head.hdf5,
+    signs="hdf5 udExport data xypts dltpts",
+)
 def read_project(path: Path, _hints: Hints) -> FileContents:
     """Pixels as digitised, row n frame n of the first camera; points as DLTdv once computed them, some stale.
 

@@ -119,7 +119,12 @@ def _cameras(
     return tuple(cameras)
 
 
-@file_format("easywand", "easyWand calibration (easyWandData.mat)", lambda head: "easyWandData" in head.mat)
+@file_format(
+    "easywand",
+    "easyWand calibration (easyWandData.mat)",
+    lambda head: "easyWandData" in head.mat,
+    signs="mat easyWandData coefs wandPts",
+)
 def _easywand(path: Path, _hints: Hints) -> FileContents:
     wand = read_easywand(path)
     findings = [
@@ -176,7 +181,12 @@ def lens_of(tdata: Array) -> BrownLens:
     return BrownLens.of(tuple(tdata[:2]), tuple(tdata[2:4]), tuple(tdata[4:9]))
 
 
-@file_format("easywand-tforms", "undistortion of one camera (Tforms.mat)", lambda head: "camud" in head.mat)
+@file_format(
+    "easywand-tforms",
+    "undistortion of one camera (Tforms.mat)",
+    lambda head: "camud" in head.mat,
+    signs="mat camud tdata",
+)
 def _tform(path: Path, _hints: Hints) -> FileContents:
     lens, iterations = read_tform(path)
     return FileContents(

@@ -154,6 +154,12 @@ class Format:
         zero_is_missing: Whether readers of this format take (0, 0, 0) as not seen.
         suffixes: Ends of names that mean this format for writing.
         files: The files that ``write`` writes, where that is not the one of the name.
+        signs: Words of files of this kind, by which it comes nearest to a file that no format knows; none: those of its
+            name and title.
+        any_names: Whether its columns may have any names, so that knowing a table tells little.
+        beside: Whether its reader looks at the file's place: what lies beside it, or its folder's name.
+        of_words: Whether its tables hold words that mean something: laid out anew they would lose them.
+        is_set: Whether it is several files, each of a format of its own, and is only written.
     """
 
     name: str
@@ -167,6 +173,11 @@ class Format:
     zero_is_missing: bool = False
     suffixes: tuple[str, ...] = ()
     files: Callable[[Path, FileContents], list[Path]] = lambda path, _: [path]
+    signs: str = ""
+    any_names: bool = False
+    beside: bool = False
+    of_words: bool = False
+    is_set: bool = False
 
     def __call__(self, path: Path, hints: Hints | None = None) -> FileContents:
         """What a file holds, by its reader; ``mocap.io.registry.read_as`` adds what every file is checked for."""
@@ -174,7 +185,7 @@ class Format:
 
 
 def file_format(
-    name: str, title: str, knows: Callable[[Head], bool]
+    name: str, title: str, knows: Callable[[Head], bool], *, signs: str = "", **said: bool
 ) -> Callable[[Callable[[Path, Hints], FileContents]], Format]:
     """Stands above a reader, and makes it the format that it reads; for formats that are not written."""
-    return lambda read: Format(name=name, title=title, knows=knows, read=read)
+    return lambda read: Format(name=name, title=title, knows=knows, read=read, signs=signs, **said)

@@ -286,4 +286,5 @@ POSE_JSON = Format(
     title="poses of OpenPose, RTMPose or MediaPipe (JSON, one file per frame)",
     knows=_is_poses,
     read=lambda path, _: read_folder(path),
+    signs="json people pose_keypoints_2d keypoints keypoint_scores",
 )

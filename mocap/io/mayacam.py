@@ -36,7 +36,12 @@ def _is_mayacam(head: Head) -> bool:
     )
 
 
-@file_format("mayacam", "camera of XMALab (MayaCam 2.0, one file for each)", _is_mayacam)
+@file_format(
+    "mayacam",
+    "camera of XMALab (MayaCam 2.0, one file for each)",
+    _is_mayacam,
+    signs="text image size camera matrix rotation translation undistortion",
+)
 def _mayacam(path: Path, _hints: Hints) -> FileContents:
     found: dict[str, list[float]] = {}
     section = ""

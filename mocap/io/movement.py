@@ -195,4 +195,5 @@ MOVEMENT = Format(
         }
     ),
     suffixes=(".nc",),
+    signs="hdf5 netcdf position confidence time space keypoint",
 )

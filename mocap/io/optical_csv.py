@@ -20,6 +20,7 @@ _SHOW = "export it again from Motive (Tracking Data, CSV, with header)"
     "vicon-csv",
     "trajectories of Vicon Nexus (CSV)",
     lambda head: any(line.strip(", \t").lower() == "trajectories" for line in head.lines),
+    signs="csv Trajectories Frame Sub table",
 )
 def read_vicon(path: Path, _hints: Hints) -> FileContents:
     """Read the section ``Trajectories``: rate, names, ``Frame,Sub Frame,X,Y,Z,...``, units, a row a frame.
@@ -85,6 +86,7 @@ def read_vicon(path: Path, _hints: Hints) -> FileContents:
     "optitrack-csv",
     "markers of OptiTrack Motive (CSV)",
     lambda head: head.first.startswith("Format Version,") and "Take Name" in head.first,
+    signs="csv Format Version Take Name Frame Time (Seconds) table",
 )
 def read_optitrack(path: Path, _hints: Hints) -> FileContents:
     """Read the line ``Format Version,...``, rows of types, names and IDs, and ``Frame,Time (Seconds),X,Y,Z,...``.

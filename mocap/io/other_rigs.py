@@ -103,6 +103,7 @@ def _matrix(fu: float, fv: float, cu: float, cv: float) -> Array:
     "qualisys-calibration",
     "calibration of Qualisys (.qca.txt)",
     lambda head: "<calibration" in _text(head)[:2000] and "focalLengthU" in _text(head),
+    signs="xml calibration camera intrinsic focalLengthU transform",
 )
 def _qualisys(path: Path, _hints: Hints) -> FileContents:
     """QTM: camera axes x right, y up, z to the rear (turned by pi about x here), millimetres."""
@@ -151,6 +152,7 @@ def _qualisys(path: Path, _hints: Hints) -> FileContents:
     "vicon-calibration",
     "calibration of Vicon (.xcp)",
     lambda head: "<Cameras" in _text(head)[:2000] and "SENSOR_SIZE" in _text(head),
+    signs="xml Cameras Camera SENSOR_SIZE KeyFrame ORIENTATION",
 )
 def _vicon(path: Path, _hints: Hints) -> FileContents:
     """Vicon: the quaternion x, y, z, w turns world into camera axes (x right, y down, z forward); millimetres."""
@@ -228,6 +230,8 @@ def _matrices(path: Path) -> dict[str, Array]:
     lambda head: (
         head.first.startswith("%YAML") and re.search(r"(?m)^\s*(K|R|Rot)_\w+: *!!opencv", _text(head)) is not None
     ),
+    signs="yaml opencv-matrix K_ dist_ Rot_",
+    beside=True,
 )
 def _easymocap(path: Path, _hints: Hints) -> FileContents:
     """EasyMocap: ``intri.yml`` holds K and dist, ``extri.yml`` R (or Rot) and T; metres. The other lies beside it."""
@@ -269,6 +273,8 @@ def _easymocap(path: Path, _hints: Hints) -> FileContents:
     "opencap",
     "camera of OpenCap (cameraIntrinsicsExtrinsics.pickle)",
     lambda head: head.start[:1] == b"\x80" and b"intrinsicMat" in head.start,
+    signs="pickle intrinsicMat distortion",
+    beside=True,
 )
 def _opencap(path: Path, _hints: Hints) -> FileContents:
     """OpenCap: a pickle a camera (``cameraIntrinsicsExtrinsics.pickle``), its name that of the folder; millimetres."""

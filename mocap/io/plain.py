@@ -282,7 +282,14 @@ def _is_table(head: Head) -> bool:
     return 0 < first.count(",") == second.count(",") and re.search(r"(^|,)\s*[-+.]?\d", head.lines[1]) is not None
 
 
-CSV = Format(name="csv", title="a plain CSV table, with --columns", knows=_is_table, read=_read)
+CSV = Format(
+    name="csv",
+    title="a plain CSV table, with --columns",
+    knows=_is_table,
+    read=_read,
+    signs="csv table numbers time x y",
+    any_names=True,
+)
 
 
 _CAMERA = r"(?:camera|cam|view|kamera|c|v)[ _.#-]*(?P<camera>\d+)"
@@ -324,7 +331,9 @@ def _is_typed(head: Head) -> bool:
     return bool(columns_of(head.cells())) and not (names_of(head, PIXEL) or names_of(head, ARGUS_PIXEL))
 
 
-@file_format("typed-pixels", "a table of pixels, titles of marker, camera and axis (tip cam1 X)", _is_typed)
+@file_format(
+    "typed-pixels", "a table of pixels, titles of marker, camera and axis (tip cam1 X)", _is_typed, any_names=True
+)
 def typed_pixels(path: Path, hints: Hints) -> FileContents:
     """Pixels by the marker, the camera and the axis that each title names."""
     header, values = read_table(path)

@@ -201,7 +201,10 @@ def _is_profile(head: Head) -> bool:
 
 
 @file_format(
-    "camera-profile", "camera profile of Argus and easyWand (one line of 12 numbers for each camera)", _is_profile
+    "camera-profile",
+    "camera profile of Argus and easyWand (one line of 12 numbers for each camera)",
+    _is_profile,
+    signs="text numbers space lenses cam f W H cx cy",
 )
 def _profile(path: Path, _hints: Hints) -> FileContents:
     lenses = read_profile(path)

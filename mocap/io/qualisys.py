@@ -86,6 +86,7 @@ def read_6d(path: Path, _hints: Hints) -> FileContents:
     "qualisys-tsv",
     "3D text export of Qualisys Track Manager (TSV)",
     lambda head: head.first.startswith("NO_OF_FRAMES\t"),
+    signs="tsv NO_OF_FRAMES NO_OF_CAMERAS MARKER_NAMES FREQUENCY table",
 )
 def read_tsv(path: Path, _hints: Hints) -> FileContents:
     """Read a 3D text export: head lines from ``NO_OF_FRAMES`` to ``MARKER_NAMES``, column titles, a row a frame.

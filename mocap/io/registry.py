@@ -3,44 +3,16 @@
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
 
 from mocap.cameras.camera import flipped
 from mocap.errors import FormatError
-from mocap.io import (
-    anipose,
-    argus,
-    bouguet,
-    c3d,
-    deeplabcut,
-    dltdv,
-    dltdv_sparse,
-    dvproject,
-    easywand,
-    keypoints_json,
-    matlab_points,
-    mayacam,
-    movement,
-    not_read,
-    nwb,
-    optical_csv,
-    other_rigs,
-    plain,
-    profile,
-    qualisys,
-    sleap,
-    tables,
-    tables_long,
-    tidy,
-    trc,
-    video_tables,
-    xmalab,
-)
+from mocap.io import keypoints_json, plain
 from mocap.io.contents import FILLED, FileContents
 from mocap.io.crop import has_crops
 from mocap.io.elsewhere import formats_elsewhere
@@ -51,43 +23,6 @@ from mocap.io.transcribe import transcribed
 from mocap.records import Status
 from mocap.text import number_of
 
-_SIGNS: dict[str, str] = {
-    "dltdv-xypts": "csv pt1_cam1_X pt1_cam1_Y pt1_cam2_X table pixels",
-    "dltdv-xyzpts": "csv pt1_X pt1_Y pt1_Z table",
-    "dltdv-coefficients": "csv table numbers eleven-rows",
-    "dltdv-sparse-pixels": "tsv sparse format camera coordinates file table",
-    "dltdv-project": "hdf5 udExport data xypts dltpts",
-    "easywand": "mat easyWandData coefs wandPts",
-    "easywand-tforms": "mat camud tdata",
-    "deeplabcut-csv": "csv scorer bodyparts coords likelihood table",
-    "deeplabcut-h5": "hdf5 df_with_missing",
-    "sleap-analysis": "hdf5 tracks node_names track_names track_occupancy",
-    "sleap-csv": "csv track frame_idx instance score x y table",
-    "anipose-3d": "csv _error _ncams _score fnum M_00 table",
-    "anipose-calibration": "toml matrix distortions rotation translation size",
-    "qualisys-tsv": "tsv NO_OF_FRAMES NO_OF_CAMERAS MARKER_NAMES FREQUENCY table",
-    "qualisys-calibration": "xml calibration camera intrinsic focalLengthU transform",
-    "optitrack-csv": "csv Format Version Take Name Frame Time (Seconds) table",
-    "vicon-csv": "csv Trajectories Frame Sub table",
-    "vicon-calibration": "xml Cameras Camera SENSOR_SIZE KeyFrame ORIENTATION",
-    "trc": "tsv PathFileType DataRate NumMarkers table",
-    "c3d": "binary c3d",
-    "movement": "hdf5 netcdf position confidence time space keypoint",
-    "csv-long": "csv frame marker name x y z long table",
-    "csv-wide": "csv time x y z table",
-    "xmalab-2d": "csv _cam1_X _cam1_Y table pixels",
-    "argus-xypts": "csv cam_1_x cam_1_y table pixels",
-    "easymocap": "yaml opencv-matrix K_ dist_ Rot_",
-    "pose-json": "json people pose_keypoints_2d keypoints keypoint_scores",
-    "parquet": "binary parquet PAR1",
-    "csv": "csv table numbers time x y",
-    "camera-profile": "text numbers space lenses cam f W H cx cy",
-    "opencap": "pickle intrinsicMat distortion",
-    "mayacam": "text image size camera matrix rotation translation undistortion",
-    "bouguet": "mat fc cc kc alpha_c omc_1 Tc_1 KK",
-    "bouguet-stereo": "mat fc_left cc_left kc_left fc_right R T om KK_left",
-}
-"""Words by which a format is known; formats without an entry are known by the words of their titles."""
 _SUFFIXES = {
     **{end: f"{end} table" for end in ("csv", "tsv")},
     **{end: end for end in ("mat", "toml", "xml", "json")},
@@ -159,19 +94,19 @@ def _numbers(row: str, separator: str) -> bool:
     return sum(bool(re.fullmatch(r"[-+0-9.eE]+|nan|NaN|", cell)) for cell in cells) > len(cells) / 2
 
 
-def nearest(head: Head, formats: Sequence[Format]) -> list[Format]:
-    """The three of some formats that share most words with the beginning of a file, its kind and its name."""
+def nearest(head: Head) -> list[Format]:
+    """The three formats that share most words with the beginning of a file, its kind and its name."""
     description = f"{looks_like(head)} {_SUFFIXES.get(head.path.suffix.lower().lstrip('.'), '')} {head.path.stem}"
     text = description + " " + " ".join(head.lines[:40])
     found = _words(text)
 
     def score(format: Format) -> float:
-        signs = _words(_SIGNS.get(format.name, f"{format.name} {format.title}"))
+        signs = _words(format.signs or f"{format.name} {format.title}")
         kinds = {"csv", "tsv", *(word for words in _SUFFIXES.values() for word in words.split())}
         weights = (KIND if sign in kinds else 2.0 if len(sign) > 4 else 1.0 for sign in signs & found)
         return sum(weights) / (3 + len(signs)) ** 0.5
 
-    return sorted((f for f in formats if f.name != "dltdv"), key=lambda f: -score(f))[:3]
+    return sorted((f for f in formats() if not f.is_set), key=lambda f: -score(f))[:3]
 
 
 def _words(text: str) -> set[str]:
@@ -180,38 +115,32 @@ def _words(text: str) -> set[str]:
     return words | {part for word in words for part in word.split("_") if len(part) > 1}
 
 
-def _each(*places: ModuleType | Format) -> Iterator[Format]:
-    """Formats, and those of modules in the order in which these define them."""
-    for place in places:
-        yield from (one for one in (place, *vars(place).values()) if isinstance(one, Format))
-
-
-FORMATS = (
-    *_each(
-        dvproject,
-        dltdv,
-        dltdv_sparse,
-        easywand,
-        profile,
-        deeplabcut,
-        sleap,
-        movement,
-        nwb,
-        anipose,
-        other_rigs,
-        mayacam,
-        bouguet,
-    ),
-    *_each(not_read, keypoints_json, matlab_points, video_tables, qualisys, optical_csv, trc, c3d, tables_long, tables),
-    *_each(tidy, plain.typed_pixels, xmalab, argus),
-    *formats_elsewhere(),
-    plain.CSV,
+ELSEWHERE = "formats of other packages"
+PLACES = (
+    *("dvproject", "dltdv", "dltdv_sparse", "easywand", "profile", "deeplabcut", "sleap", "movement", "nwb", "anipose"),
+    *("other_rigs", "mayacam", "bouguet", "not_read", "keypoints_json", "matlab_points", "video_tables", "qualisys"),
+    *("optical_csv", "trc", "c3d", "tables_long", "tables", "tidy", "plain:typed-pixels", "xmalab", "argus"),
+    *(ELSEWHERE, "plain:csv"),
 )
-"""In the order in which they are asked: where two know a file, the first is right."""
-BESIDE = ("easymocap", "opencap")
-"""Formats whose readers look at the file's place: what lies beside it, or its folder's name."""
-OF_WORDS = ("sleap-csv", "rows-of-markers")
-"""Formats whose tables hold words that mean something: laid out anew they would lose them."""
+"""Files of this folder, or a format of one, in the order in which they are asked: where two know a file, the first is
+right. A file is loaded when its turn comes."""
+
+
+@cache
+def _of(place: str) -> tuple[Format, ...]:
+    """The formats of a place, in the order in which its file defines them."""
+    if place == ELSEWHERE:
+        return formats_elsewhere()
+    file, _, name = place.partition(":")
+    found = (one for one in vars(import_module(f"mocap.io.{file}")).values() if isinstance(one, Format))
+    return tuple(one for one in found if name in ("", one.name))
+
+
+def formats() -> Iterator[Format]:
+    """All formats, in the order in which they are asked."""
+    return (format for place in PLACES for format in _of(place))
+
+
 NANOMETRE = 1e-9  # the last digit that is written
 Result = TypeVar("Result")
 
@@ -222,9 +151,9 @@ def by_name(name: str) -> Format:
     Raises:
         FormatError: there is none of that name.
     """
-    found = next((format for format in FORMATS if format.name == name), None)
+    found = next((format for format in formats() if format.name == name), None)
     if found is None:
-        raise FormatError(f"no format {name!r}; there are {', '.join(sorted(format.name for format in FORMATS))}")
+        raise FormatError(f"no format {name!r}; there are {', '.join(sorted(format.name for format in formats()))}")
     return found
 
 
@@ -263,7 +192,7 @@ def _of_either(
     except Undecided:
         raise
     except FormatError as error:
-        if format is not None and format.name in OF_WORDS:
+        if format is not None and format.of_words:
             raise
         with transcribed(path, knows=_is_known, sheet=hints.sheet, anew=True) as (file, notes):
             if file == path or not (hints.format or fits(head(file)) or plain.is_mapped(head(file), hints)):
@@ -275,12 +204,12 @@ def _of_either(
 
 
 def _is_known(beginning: Head) -> bool:
-    return any(format.knows(beginning) for format in FORMATS)
+    return any(format.knows(beginning) for format in formats())
 
 
 def _is_named(beginning: Head) -> bool:
     """Whether a format of columns with names of its own knows a text; others take any names."""
-    return any(f.knows(beginning) for f in FORMATS if f.name not in ("csv", "typed-pixels", "argus-xyzpts"))
+    return any(f.knows(beginning) for f in formats() if not f.any_names)
 
 
 def _identify(path: Path, hints: Hints) -> Format:
@@ -289,7 +218,7 @@ def _identify(path: Path, hints: Hints) -> Format:
         return by_name(hints.format)
     if beginning.lines and plain.is_mapped(beginning, hints):
         return by_name("csv")
-    for format in FORMATS:
+    for format in formats():
         if format.knows(beginning):
             return format
     if looks_like(beginning) == "an MP4 or MOV video" or path.suffix.lower() in (
@@ -302,7 +231,7 @@ def _identify(path: Path, hints: Hints) -> Format:
         raise FormatError(f"{path.name}: is a video, in which nothing is digitised yet: mocap digitise does that")
     if has_crops(path):
         raise FormatError(f"{path.name}: crop offsets of a cropped video: give them as `crop`, with the video's pixels")
-    near = "; ".join(f"{format.title} (`format` {format.name})" for format in nearest(beginning, FORMATS))
+    near = "; ".join(f"{format.title} (`format` {format.name})" for format in nearest(beginning))
     raise FormatError(
         f"{path.name}: {looks_like(beginning)}: not a known format. Nearest are {near}. If it is a table, state what "
         "its columns hold with `columns`"
@@ -327,7 +256,7 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     """
     if path.is_dir():
         return plausible(keypoints_json.read_folder(path), hints.zero)
-    if format.name in BESIDE:
+    if format.beside:
         return plausible(format.read(path, hints), hints.zero)
 
     def of_file(file: Path, notes: Sequence[str]) -> FileContents:
@@ -352,15 +281,15 @@ def writer(path: Path, name: str | None) -> Format:
     if name is not None:
         format = by_name(name)
     else:
-        ends = [(len(end), f) for f in FORMATS for end in f.suffixes if path.name.lower().endswith(end.lower())]
+        ends = [(len(end), f) for f in formats() for end in f.suffixes if path.name.lower().endswith(end.lower())]
         if not ends:
-            endings = ", ".join(dict.fromkeys(end for f in FORMATS for end in f.suffixes))
+            endings = ", ".join(dict.fromkeys(end for f in formats() for end in f.suffixes))
             raise FormatError(
                 f"{path.name}: no format is written to files with this ending (known: {endings}): give `to`"
             )
         format = max(ends, key=lambda pair: pair[0])[1]
     if format.write is None:
-        names = ", ".join(f.name for f in FORMATS if f.write is not None)
+        names = ", ".join(f.name for f in formats() if f.write is not None)
         raise FormatError(f"{path.name}: {format.title} can only be read; formats that can be written are {names}")
     return format
 

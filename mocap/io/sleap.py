@@ -207,7 +207,13 @@ def _is_instances(head: Head) -> bool:
     return set(_INSTANCES) <= set(cells) and bool(nodes) and all(f"{node}.y" in cells for node in nodes)
 
 
-@file_format("sleap-csv", "pixel tracks of SLEAP (analysis CSV, one row for each instance)", _is_instances)
+@file_format(
+    "sleap-csv",
+    "pixel tracks of SLEAP (analysis CSV, one row for each instance)",
+    _is_instances,
+    signs="csv track frame_idx instance score x y table",
+    of_words=True,
+)
 def _instances(path: Path, _hints: Hints) -> FileContents:
     """Pixels and scores of one camera; frames without an instance have no row, and show nothing.
 
@@ -341,6 +347,7 @@ SLEAP_ANALYSIS = Format(
     holds=frozenset({"pixels", "pixel_origin", "score", "animals"}),
     suffixes=("analysis.h5",),
     files=camera_files,
+    signs="hdf5 tracks node_names track_names track_occupancy",
 )
 SLEAP_ANIPOSE_3D = Format(
     name="sleap-anipose-3d",

@@ -239,4 +239,5 @@ CSV_WIDE = Format(
     holds=frozenset({"points", "first_frame", "frame_numbers", "fps", "unit", "origin", "sd", "quantities", "time_s"}),
     needs=frozenset({"unit"}),
     suffixes=(".csv", ".xlsx"),
+    signs="csv time x y z table",
 )

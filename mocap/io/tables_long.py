@@ -195,6 +195,7 @@ CSV_LONG = Format(
     write=_write_csv,
     holds=_HELD,
     suffixes=("long.csv",),
+    signs="csv frame marker name x y z long table",
 )
 PARQUET = Format(
     name="parquet",
@@ -204,6 +205,7 @@ PARQUET = Format(
     write=_write_parquet,
     holds=_HELD,
     suffixes=(".parquet",),
+    signs="binary parquet PAR1",
 )
 
 

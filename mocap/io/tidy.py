@@ -52,7 +52,7 @@ def _is_tidy(head: Head) -> bool:
     return bool(roles_of(head.cells()))
 
 
-@file_format("rows-of-markers", "a table with one row for each marker of a frame", _is_tidy)
+@file_format("rows-of-markers", "a table with one row for each marker of a frame", _is_tidy, of_words=True)
 def read_tidy(path: Path, hints: Hints) -> FileContents:
     """Positions, or pixels where there is no z.
 

@@ -208,4 +208,5 @@ TRC = Format(
     needs=frozenset({"fps", "unit"}),
     zero_is_missing=True,
     suffixes=(".trc",),
+    signs="tsv PathFileType DataRate NumMarkers table",
 )

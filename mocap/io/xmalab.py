@@ -33,7 +33,7 @@ def _is_pixels(head: Head) -> bool:
     return bool(names_of(head, PIXEL)) or (_OFFSETS.match(head.first) is not None and "_X" in head.first)
 
 
-@file_format("xmalab-2d", "pixel tracks of XMALab (CSV)", _is_pixels)
+@file_format("xmalab-2d", "pixel tracks of XMALab (CSV)", _is_pixels, signs="csv _cam1_X _cam1_Y table pixels")
 def _pixels(path: Path, _hints: Hints) -> FileContents:
     lines = read_lines(path)
     glued = _OFFSETS.match(lines[0])

@@ -12,7 +12,7 @@ from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from mocap.errors import FormatError
 from mocap.io.c3d import _MOST_FRAMES as MOST_FRAMES
 from mocap.io.contents import FILLED
-from mocap.io.registry import FORMATS, identify, read, write
+from mocap.io.registry import formats, identify, read, write
 from mocap.records import Status
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
 
@@ -38,7 +38,7 @@ def test_each_writer_is_tested_here():
     """A writer that this file does not know would be untested."""
     elsewhere = {"deeplabcut-csv", "deeplabcut-h5", "sleap-analysis", "sleap-anipose-3d"}  # test_keypoint_exports.py
     elsewhere |= {"nwb"}  # test_nwb.py
-    written = {format.name for format in FORMATS if format.write is not None}
+    written = {format.name for format in formats() if format.write is not None}
     assert written == {*FILES, "dltdv", "anipose-calibration", *elsewhere}
 
 

@@ -1,15 +1,21 @@
 """Variants of formats that no real file here shows, as their programs write them (their sources and manuals)."""
 
+import re
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from mocap.cameras.camera import project, stacked
 from mocap.errors import FormatError
+from mocap.io import registry
 from mocap.io.format import Hints
 from mocap.io.plain import parse_columns
 from mocap.io.profile import read_sba_profile
-from mocap.io.registry import FORMATS, identify, read
+from mocap.io.registry import formats, identify, read
 from mocap.records import Status
 
 QTM = "NO_OF_FRAMES\t2\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nMARKER_NAMES\ta\tb\nTRAJECTORY_TYPES\tMeasured\tMixed\n"
@@ -212,4 +218,30 @@ def test_unsupported_cameras_are_refused_by_name(tmp_path):
 
 
 def test_names_of_formats_are_unique():
-    assert len({format.name for format in FORMATS}) == len(FORMATS)
+    names = [format.name for format in formats()]
+    assert len(set(names)) == len(names)
+
+
+def test_every_file_with_a_format_has_its_place():
+    """What defines one stands in ``PLACES``, or is never asked; the last one takes any table."""
+    folder = Path(registry.__file__).parent
+    defining = {
+        path.stem
+        for path in folder.glob("*.py")
+        if re.search(r"^@file_format\(|^[A-Z_0-9]+ = Format\(", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert len(defining) > 20
+    assert defining == {place.partition(":")[0] for place in registry.PLACES} - {registry.ELSEWHERE}
+    assert [format.name for format in formats()][-1] == "csv"
+
+
+def test_a_known_file_loads_the_formats_before_it_only(tmp_path):
+    """A table of DLTdv is the second thing that is asked for: the other formats' files are not read by Python."""
+    path = tmp_path / "flight_xypts.csv"
+    path.write_text("pt1_cam1_X,pt1_cam1_Y\n1.5,2.5\n1.6,2.6\n")
+    code = (
+        "import sys; from pathlib import Path; from mocap.io.registry import identify; "
+        f"print(identify(Path({str(path)!r})).name, 'mocap.io.dltdv' in sys.modules, 'mocap.io.nwb' in sys.modules)"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert told.stdout.split() == ["dltdv-xypts", "True", "False"]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from mocap.cameras.camera import decompose, record
 from mocap.errors import FormatError
 from mocap.io.format import head
-from mocap.io.registry import FORMATS, identify, nearest, read
+from mocap.io.registry import identify, nearest, read
 from mocap.io.together import joined
 from tests.mocap.rigs import cloud, ring
 
@@ -227,7 +227,7 @@ def test_an_unknown_file_is_answered_by_what_it_looks_like(name, tmp_path):
     text, says, right = UNKNOWN[name]
     path = tmp_path / name
     path.write_text(text)
-    near = [format.name for format in nearest(head(path), FORMATS)]
+    near = [format.name for format in nearest(head(path))]
     assert len(near) == 3
     assert any(right in n for n in near), near
     with pytest.raises(FormatError) as told:

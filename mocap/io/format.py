@@ -185,7 +185,23 @@ class Format:
 
 
 def file_format(
-    name: str, title: str, knows: Callable[[Head], bool], *, signs: str = "", **said: bool
+    name: str,
+    title: str,
+    knows: Callable[[Head], bool],
+    *,
+    signs: str = "",
+    any_names: bool = False,
+    beside: bool = False,
+    of_words: bool = False,
 ) -> Callable[[Callable[[Path, Hints], FileContents]], Format]:
     """Stands above a reader, and makes it the format that it reads; for formats that are not written."""
-    return lambda read: Format(name=name, title=title, knows=knows, read=read, signs=signs, **said)
+    return lambda read: Format(
+        name=name,
+        title=title,
+        knows=knows,
+        read=read,
+        signs=signs,
+        any_names=any_names,
+        beside=beside,
+        of_words=of_words,
+    )

@@ -72,15 +72,18 @@ GROUPS = {
 
 
 def true_motion(scene: SceneMotion, motion: Motion, skeleton: Skeleton) -> Motion:
-    """The motion with true positions and velocities (central differences over 0.2 ms of a closed form)."""
+    """The motion with true positions, velocities and, where a model states these, accelerations.
+
+    By central differences over 0.2 ms of a closed form; of accelerations they are known to 1e-7 m/s^2.
+    """
     t_s, step = motion.t_s, 1e-4
     names = [name for name in motion.names if name in skeleton.markers]
     weights = rate_points_for(names, skeleton, n_frames=len(t_s)).all_weights
     x, later, before = (scene(t).xyz_m for t in (t_s, t_s + step, t_s - step))
     v = (later - before) / (2 * step)
-    return replace(
-        motion, xyz_m=np.einsum("nm,tmi->tni", weights, x), velocity_m_s=np.einsum("nm,tmi->tni", weights, v)
-    )
+    x, v, a = (np.einsum("nm,tmi->tni", weights, one) for one in (x, v, (later - 2 * x + before) / step**2))
+    stated = motion.acceleration_m_s2 is not None
+    return replace(motion, xyz_m=x, velocity_m_s=v, acceleration_m_s2=a if stated else None)
 
 
 def kinds_of(rays: NDArray[np.int64]) -> dict[str, NDArray[np.bool_]]:

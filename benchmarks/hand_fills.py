@@ -1,8 +1,8 @@
 """Gaps that people filled by hand, filled by this program and by splines: ``python -m benchmarks.hand_fills``.
 
 Glides of snakes, raw and as their authors filled them in Qualisys. Only the raw file is read; every sample that it
-lacks and the filled one has is compared. The authors' fills are polynomials, or relations between markers, chosen by eye:
-agreement with them is no ground truth.
+lacks and the filled one has is compared. The authors' fills are polynomials, or relations between markers, chosen by
+eye: agreement with them is no ground truth.
 """
 
 import argparse
@@ -24,7 +24,7 @@ def off_mm(raw_file: Path) -> dict[str, Array]:
     raw, theirs = (mocap.read(file) for file in (raw_file, raw_file.with_stem(f"{raw_file.stem}_filled")))
     measured, filled = raw.tracks.xyz_m, theirs.tracks.xyz_m
     gone = np.isnan(measured[..., 0]) & np.isfinite(filled[..., 0])
-    tracked = mocap.track(raw, validate=False, progress=lambda _stage, _share: None)
+    tracked = mocap.track(raw, progress=lambda _stage, _share: None)
     position = tracked.markers.position.isel(individual=0).sel(keypoint=list(raw.tracks.names))
     fills = {"this program": position.transpose("time", "keypoint", "space").values}
     fills["cubic spline"] = interpolated(measured, raw.tracks.t_s, kind="cubic")

@@ -1,12 +1,13 @@
 """The time that is said to be left of a whole, beside what was left: traces of real runs, processor seconds."""
 
+import re
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import groupby, pairwise
 
 import pytest
-from mocap.datasets import make_bat
+from mocap.datasets import make_bat, write_recording
 from mocap.filters.hidden_gaps import EACH_MARKER, POSE, Effort
 from mocap.filters.models.base import LEARNED, OF_PIXELS
 from mocap.filters.models.pose import PoseSettings
@@ -14,6 +15,8 @@ from typer.testing import CliRunner
 
 from docs import build
 from eal.efforts import in_turn, shares, shares_beside, time_of, with_effort
+from mocap.batches import run as batches
+from mocap.batches.find import find_trials
 from mocap.cli import design_joint
 from mocap.cli.main import app
 from mocap.progress import Stages, as_one, left_s, lines
@@ -197,3 +200,21 @@ def test_what_is_read_before_the_work_begins_is_told(monkeypatch, command, stage
     monkeypatch.setattr(f"mocap.cli.{command[0]}.progress", heard)
     assert CliRunner().invoke(app, [*command, "no_such_file.csv"]).exit_code
     assert told == [(stage, 0.0)]
+
+
+def test_a_batch_that_learns_tells_stages_and_what_is_left(tmp_path, monkeypatch):
+    """Which trial is read, how many there are, and the stages of ``mocap learn``."""
+    flights = [make_bat(seed=seed, n_frames=30, n_cameras=2) for seed in (0, 1)]
+    trials = []
+    for number, one in enumerate(flights):
+        files = write_recording(one, tmp_path / f"t{number}")
+        arguments = {"fps": 240, "calibration": files["coefficients"], "profile": files["profile"]}
+        trials += find_trials([files["pixels"]], arguments=arguments | {"skeleton": files["skeleton"]})
+    said = []
+    monkeypatch.setattr(
+        batches, "learn_from", partial(learn_from, effort=Effort(validated=1, times=1), models=(EACH_MARKER,) * 2)
+    )
+    batches.learn_model(trials, tmp_path, 0, progress=said.append)
+    assert all(line.startswith("learning from all trials: ") for line in said)
+    assert sum(line.endswith((", 1 of 2", ", 2 of 2")) for line in said) == 2
+    assert any(re.search(r"learn, fill hidden gaps, \d+ %, about 0:\d\d:\d\d left$", line) for line in said)

@@ -4,7 +4,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from datetime import timedelta
 from functools import partial
 from time import monotonic, perf_counter
 from typing import TYPE_CHECKING
@@ -82,8 +81,11 @@ def lines(say: Callable[[str], None], *, clock: Callable[[], float] = monotonic)
 
 
 def in_words(seconds: float) -> str:
-    """``0:03:20``."""
-    return str(timedelta(seconds=round(seconds)))
+    """``70 s``, ``3 min``, ``2.5 h``: whole up to 99."""
+    for unit, size in (("s", 1.0), ("min", 60.0)):
+        if seconds < 99.5 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds / 3600.0:.1f} h"
 
 
 def as_one(tell: Tell, name: str, seconds: Mapping[str, float]) -> Tell:

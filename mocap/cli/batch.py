@@ -197,7 +197,7 @@ class _Lines:
 
 
 def _line(progress: "Progress") -> str:
-    """``12 of 100 trials done (3 before this run, 1 failed), about 0:03:20 left``."""
+    """``12 of 100 trials done (3 before this run, 1 failed), about 3 min left``."""
     counts = [f"{progress.before} before this run"] if progress.before else []
     counts += [f"{progress.failed} failed"] if progress.failed else []
     left = "" if progress.left_s is None else f", about {in_words(progress.left_s)} left"

@@ -31,7 +31,9 @@ MOST = 10
 def batch(
     sources: Annotated[
         list[str],
-        typer.Argument(help="Folders with trials, patterns in quotes ('data/**/*.c3d'), or a manifest (.csv)."),
+        typer.Argument(
+            metavar="FOLDER", help="Folders with trials, patterns in quotes ('data/**/*.c3d'), or a manifest (.csv)."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder of results: one folder per trial, summary.csv, summary.html.")],
     recording_options: RecordingOptions,

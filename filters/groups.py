@@ -23,6 +23,7 @@ from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.efforts import Progress, shares
 
 MOST_MARKERS = 60
 """Models of more markers than this are filtered in groups of about half as many: a frame of the dense
@@ -99,15 +100,14 @@ def smooth_in_groups(
     groups: Sequence[Markers],
     smooth: Smooth,
     rate_points: RatePoints | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Estimate:
     """Smooth each group by itself; arguments and result as in ``mocap.filters.track.smooth``, which is ``smooth``."""
     count = len(model.subspace.mean) // 3
     xyz, cov = np.empty((len(t_s), count, 3)), np.empty((len(t_s), count, 3, 3))
     observed: list[list[Observed]] = []
     rates = None if rate_points is None else _Together(rate_points, count, len(t_s))
-    for number, markers in enumerate(groups):
-        tell = None if progress is None else (lambda share, n=number: progress((n + share) / len(groups)))
+    for markers, tell in zip(groups, shares(progress, [1.0] * len(groups)), strict=True):
         local = None if rate_points is None or rates is None else rates.local(markers)
         part, seen = part_of(model, markers), some_markers(observations, markers)
         found = smooth(part, seen, t_s, rate_points=local, progress=tell)

@@ -10,17 +10,7 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.hide import Hidden, excerpt, hide_neighbours, hide_own, lengths_for
 from mocap.filters.interpolate import interpolated
 from mocap.filters.models.articulated import ArticulatedSettings
-from mocap.filters.models.base import (
-    Call,
-    CallAll,
-    Progress,
-    TrajectoryModel,
-    TrialSet,
-    estimate,
-    in_turn,
-    shares,
-    with_effort,
-)
+from mocap.filters.models.base import TrajectoryModel, TrialSet, estimate
 from mocap.filters.models.constant_velocity import LastingSettings, MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import PositionObservations
@@ -28,6 +18,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.score import Residuals, Score, joined, residuals_of, score
 
 from eal.arrays import varying
+from eal.efforts import Call, CallAll, Progress, efforts_of, in_turn, shares, with_effort
 
 STEADY_MARKER, EACH_MARKER = MarkerSettings(acceleration=0.01), LastingSettings()
 JOINTS, POSE = ArticulatedSettings(), PoseSettings(ranks=(8,))
@@ -87,9 +78,13 @@ class HiddenGaps:
         out: list[Call] = []
         for index, gaps in self.hidden:
             others = [trial for i, trial in enumerate(self.trials) if i != index]
-            effort = len(gaps.trial.t_s) * sum(model.effort for model in models)
+            effort = sum(_seconds(models, others, gaps))
             out.append(with_effort(partial(_filled, models, others, self.anatomy, gaps), effort))
         return out
+
+    def seconds(self, models: Sequence[TrajectoryModel]) -> float:
+        """About the time in which models fill all of them, beside that of what else is done."""
+        return sum(efforts_of(self.calls(models)))
 
     def together(self, found: Sequence[list[Residuals]], models: Sequence[TrajectoryModel]) -> tuple[Residuals, ...]:
         """What each model missed all of them by, from what the calls returned."""
@@ -131,11 +126,19 @@ def _filled(
     trials = TrialSet([*others, shown], anatomy)
     seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
     shows = trials.rigid.filled[gaps.mask]  # these are not filled by models that are mixed
-    for model, tell in zip(models, shares(progress, [model.effort for model in models]), strict=True):
+    for model, tell in zip(models, shares(progress, _seconds(models, others, gaps)), strict=True):
         filled = estimate(model, trials, seen, progress=tell)
         found = residuals_of(gaps, filled.xyz_m, filled.cov_m2)
         out.append(found if shows.all() else found.some(~shows))
     return out
+
+
+def _seconds(
+    models: Sequence[TrajectoryModel], others: Sequence[MarkerTrial], gaps: Hidden[MarkerTrial]
+) -> list[float]:
+    """About the time in which each model learns from other trials and this one, and fills this one."""
+    (frames, markers), more = gaps.trial.xyz_m.shape[:2], sum(len(trial.t_s) for trial in others)
+    return [model.fit_s(markers, frames + more) + model.fill_s(markers, frames) for model in models]
 
 
 def hidden_gaps(

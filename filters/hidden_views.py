@@ -6,7 +6,7 @@ import numpy as np
 from mocap.filters.hidden_gaps import gaps_like_own
 from mocap.filters.hide import Hidden
 from mocap.filters.interpolate import interpolated
-from mocap.filters.models.base import Progress, TrialSet
+from mocap.filters.models.base import TrialSet
 from mocap.filters.models.one_camera import FittedViews
 from mocap.filters.one_view import Views
 from mocap.filters.poses import MarkerTrial
@@ -14,6 +14,7 @@ from mocap.filters.score import Residuals, Score, score
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.efforts import Progress
 
 
 def filled_views(

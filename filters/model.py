@@ -20,18 +20,7 @@ from mocap.filters.hidden_gaps import (
 )
 from mocap.filters.hide import gap_lengths, nearest_length
 from mocap.filters.mixture import Mixture, crossed, learn_mixture, mixed_residuals
-from mocap.filters.models.base import (
-    OF_PIXELS,
-    Call,
-    CallAll,
-    Progress,
-    TrajectoryModel,
-    TrialSet,
-    estimate,
-    in_turn,
-    shares,
-    with_effort,
-)
+from mocap.filters.models.base import TrajectoryModel, TrialSet, estimate, seconds_of
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
@@ -39,6 +28,8 @@ from mocap.filters.records import Estimate
 from mocap.filters.score import Residuals, Score
 from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
+
+from eal.efforts import Call, CallAll, Progress, in_turn, shares, with_effort
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,10 +68,6 @@ class LearnedModel:
     def anatomy(self, names: Sequence[str]) -> Anatomy:
         """What is known of an animal with such markers."""
         return anatomy_of(names, self.trunk, self.bones, bodies=self.bodies)
-
-
-TUNED = 0.15
-"""Share of the time of learning that settings take: of three flights of a bat 3.9 of 26.3 s of the processor."""
 
 
 def learn_model(
@@ -124,12 +111,9 @@ def learn_model(
             "ten others; give longer or more complete trials"
         )
     tell("settings are learned from all recordings")
-    first, then = shares(progress, [TUNED, 1 - TUNED])
-    tuned = []
-    for model, told in zip(models, shares(first, [model.effort for model in models]), strict=True):
-        tuned.append(model.tuned(every))
-        if told is not None:
-            told(1.0)
+    frames = sum(len(trial.t_s) for trial in trials)
+    *first, then = shares(progress, [*(m.tuned_s(len(names), frames) for m in models), gaps.seconds(models)])
+    tuned = [_tuned(model, every, told) for model, told in zip(models, first, strict=True)]
     residuals = gaps.fill(tuned, call_all, then)
     mixture = learn_mixture(residuals)
     return LearnedModel(
@@ -235,10 +219,12 @@ def track_alone(
     gaps = gaps_like_own(trials, times=2, seed=seed)
     if not gaps.hidden:
         return None
-    models, more = [EACH_MARKER, settings.tuned(trials)], [*(compared or {}).values()]
-    every, (found,) = _estimates(
-        models, trials, observations, [(gaps, [*models, *more])], rate_points, progress, call_all
-    )
+    own, more = (EACH_MARKER, settings), [*(compared or {}).values()]
+    whole_s = sum(sum(seconds_of(model, trials, observations, learned=True)) for model in own)
+    tuned_s = settings.tuned_s(len(names), len(recording.t_s))
+    first, then = shares(progress, [tuned_s, whole_s + gaps.seconds([*own, *more])])
+    models = [EACH_MARKER, _tuned(settings, trials, first)]
+    every, (found,) = _estimates(models, trials, observations, [(gaps, [*models, *more])], rate_points, then, call_all)
     residuals = [replace(part, length=nearest_length(part.length)) for part in found]
     track = every.mixed(learn_mixture(residuals[: len(models)]))
     if compared is None:
@@ -247,6 +233,14 @@ def track_alone(
     left_out = crossed(residuals[: len(models)])
     scored |= {} if left_out is None else {"mixture": left_out}
     return replace(track, scores=gaps.curves() | {name: part.score() for name, part in scored.items()})
+
+
+def _tuned(model: TrajectoryModel, trials: TrialSet, progress: Progress | None) -> TrajectoryModel:
+    """The model with settings that are learned from the trials."""
+    found = model.tuned(trials)
+    if progress is not None:
+        progress(1.0)
+    return found
 
 
 def check_rates(trials: Sequence[MarkerTrial]) -> None:
@@ -441,9 +435,11 @@ def _estimates(
 ) -> tuple[Members, list[tuple[Residuals, ...]]]:
     """What all models say of the last trial, and what models miss hidden samples by."""
     wanted = [None] * (len(models) - 1) + [rate_points]
-    effort = OF_PIXELS * observations.n_frames
     whole: list[Call] = [
-        with_effort(partial(estimate, model, trials, observations, rate_points=points), effort * model.effort)
+        with_effort(
+            partial(estimate, model, trials, observations, rate_points=points),
+            sum(seconds_of(model, trials, observations, learned=bool(trials.learned))),
+        )
         for model, points in zip(models, wanted, strict=True)
     ]
     parts = [gaps.calls(fill) for gaps, fill in hidden]

@@ -479,7 +479,7 @@ def _observed(recorded: Recorded, views: Views, pose_m: Array, xyz_m: Array) -> 
 
 
 def _rates(rate_points: RatePoints, xyz_m: Array, lags: list[Array], dt_s: float) -> Rates | None:
-    """Velocities by central differences, with the covariances that neighbouring frames have; None of under 3 frames."""
+    """Velocities by differences, central but at both ends, with their covariances; None of under 3 frames."""
     steps = len(xyz_m)
     if steps < 3:
         return None
@@ -496,8 +496,9 @@ def _rates(rate_points: RatePoints, xyz_m: Array, lags: list[Array], dt_s: float
     mixed[1:-1] = (np.swapaxes(one[1:], 1, 2) - one[:-1]) / (2 * dt_s)
     speed = np.zeros_like(here)
     speed[1:-1] = (here[2:] + here[:-2] - two - np.swapaxes(two, 1, 2)) / (4 * dt_s**2)
-    for part in (mixed, speed):
-        part[0], part[-1] = part[1], part[-2]
+    mixed[0], mixed[-1] = (one[0].T - here[0]) / dt_s, (here[-1] - one[-1]) / dt_s
+    for end, step in ((0, one[0]), (-1, one[-1])):
+        speed[end] = (here[end] + here[1 if end == 0 else -2] - step - step.T) / dt_s**2
     rows[:, :, 0, :, :, 1] = mixed.reshape(shape)
     rows[:, :, 1, :, :, 0] = np.swapaxes(mixed, 1, 2).reshape(shape)
     rows[:, :, 1, :, :, 1] = speed.reshape(shape)

@@ -4,9 +4,11 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import accumulate
-from time import perf_counter
+from functools import partial
+from time import monotonic, perf_counter
 from typing import TYPE_CHECKING
+
+from eal.efforts import shares
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,6 +19,11 @@ Tell = Callable[[str, float], None]
 
 def silent(_stage: str, _share: float) -> None:
     """Nobody is told of progress."""
+
+
+def left_s(spent_s: float, share: float) -> float | None:
+    """Seconds that a whole still takes, of which a share was done in so many; None: too early to say."""
+    return spent_s * (1.0 / share - 1.0) if share > 0.0 else None
 
 
 @contextmanager
@@ -30,11 +37,17 @@ def bars(console: "Console | None" = None) -> Iterator[Tell]:
         yield silent
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, Task, TaskID, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    class Left(TextColumn):  # rich's own looks at the last 30 s alone
+        def render(self, task: Task) -> Text:
+            seconds = None if task.finished else left_s(task.elapsed or 0.0, task.percentage / 100.0)
+            return Text("" if seconds is None else f"{in_words(seconds)} left", style="progress.remaining")
 
     columns = (TextColumn("{task.description:28}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
     shown = console or Console(stderr=True)
-    with Progress(*columns, TimeRemainingColumn(compact=True), console=shown, transient=True) as drawn:
+    with Progress(*columns, Left(""), console=shown, transient=True) as drawn:
         tasks: dict[str, TaskID] = {}
 
         def tell(stage: str, share: float) -> None:
@@ -43,6 +56,36 @@ def bars(console: "Console | None" = None) -> Iterator[Tell]:
             drawn.update(tasks[stage], completed=share)
 
         yield tell
+
+
+def lines(say: Callable[[str], None], *, clock: Callable[[], float] = monotonic) -> Tell:
+    """What says each stage as a line, with the share that is done and the time that it still takes; by whole per cents.
+
+    Args:
+        say: Called with a line.
+        clock: Seconds.
+    """
+    begun: dict[str, float] = {}
+    said = ""
+
+    def tell(stage: str, share: float) -> None:
+        nonlocal said
+        now = clock()
+        left = left_s(now - begun.setdefault(stage, now), share)
+        done = f"{stage}, {100 * share:.0f} %" if share else stage
+        if done != said:
+            said = done
+            say(done if left is None or share == 1.0 else f"{done}, about {in_words(left)} left")
+
+    return tell
+
+
+def in_words(seconds: float) -> str:
+    """``70 s``, ``3 min``, ``2.5 h``: whole up to 99."""
+    for unit, size in (("s", 1.0), ("min", 60.0)):
+        if seconds < 99.5 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds / 3600.0:.1f} h"
 
 
 def as_one(tell: Tell, name: str, seconds: Mapping[str, float]) -> Tell:
@@ -54,12 +97,11 @@ def as_one(tell: Tell, name: str, seconds: Mapping[str, float]) -> Tell:
         seconds: Processor time of each stage, in order, as measured once; only their ratios count. A stage that
             nobody tells of is over when the next begins; one that is not among them takes no time.
     """
-    total = sum(seconds.values())
-    begins = dict(zip(seconds, accumulate(seconds.values(), initial=0.0), strict=False))
+    parts = dict(zip(seconds, shares(partial(tell, name), [*seconds.values()]), strict=True))
 
     def told(stage: str, share: float) -> None:
-        if stage in begins:
-            tell(name, (begins[stage] + share * seconds[stage]) / total)
+        if (part := parts.get(stage)) is not None:
+            part(share)
 
     return told
 

@@ -27,12 +27,10 @@ from threading import Lock
 from time import monotonic
 from typing import Any, Literal, TypeVar
 
+from eal.efforts import Call, Progress, efforts_of, in_turn, shares_beside
 from mocap.ending import end_after, end_with
 from mocap.errors import MocapError
 
-Progress = Callable[[float], None]
-Call = Callable[..., Any]
-"""Takes ``progress``, which is called with what is to be told on the way, or is None; travels to another process."""
 Hear = Callable[..., None]
 """Called with the number of a process, the name of its call, and what that tells on its way."""
 Name = TypeVar("Name")
@@ -407,21 +405,18 @@ def call_all(calls: Sequence[Call], progress: Progress | None = None) -> list[An
         calls: See ``Call``; one that says its ``effort`` counts for so much.
         progress: Called with the share done of all of them together.
     """
-    there, efforts = _POOL.get(), [getattr(call, "effort", 1.0) for call in calls]
+    there = _POOL.get()
     if there is None or len(calls) < 2:
-        return [call(progress=_share(progress, i, efforts)) for i, call in enumerate(calls)]
+        return in_turn(calls, progress)
+    tell = None if progress is None else shares_beside(progress, efforts_of(calls), there.count)
+    hear = None if tell is None else (lambda _worker, i, share: tell(i, share))
     ended: dict[int, Future[Any]] = {}
     with suppress(NoProcess):
-        for i, future in there.each(dict(enumerate(calls)), tries=1):
+        for i, future in there.each(dict(enumerate(calls)), hear=hear, tries=1):
             ended[i] = future
-            if progress is not None:
-                progress(sum(efforts[i] for i in ended) / sum(efforts))
+            if tell is not None:
+                tell(i, 1.0)
     lost = [i for i in range(len(calls)) if i not in ended or isinstance(ended[i].exception(), Lost)]
     if lost:
         there.close()  # that this one has the memory
     return [call(progress=None) if i in lost else ended[i].result() for i, call in enumerate(calls)]
-
-
-def _share(progress: Progress | None, part: int, efforts: Sequence[float]) -> Progress | None:
-    before, whole = sum(efforts[:part]), sum(efforts)
-    return None if progress is None else lambda share: progress((before + share * efforts[part]) / whole)

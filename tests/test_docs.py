@@ -213,6 +213,16 @@ def test_the_version_is_one():
     assert f'version: "{stated}"' in (ROOT / "docs" / "releasing" / "recipe.yaml").read_text(encoding="utf-8")
 
 
+def test_the_paper_and_the_citation_agree():
+    """Title and authors: who they are is stated by them, and until then by none."""
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    paper = (ROOT / "docs" / "paper" / "paper.md").read_text(encoding="utf-8")
+    for field in ("title", "authors:\n  - name"):
+        (of_paper,), (cited_as,) = (re.findall(rf"^{field}: (.*)$", text, re.M) for text in (paper, cited))
+        assert of_paper == cited_as
+
+
+
 def test_the_newest_version_is_read_in_a_minute():
     """Sixty lines, by area, begun by what a user must do: the log has the rest."""
     newest = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]

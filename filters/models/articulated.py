@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy, Limb
@@ -11,7 +10,7 @@ from mocap.filters.bones import RIGID
 from mocap.filters.errors import FilterError
 from mocap.filters.independent import FEWEST_FRAMES, INDEPENDENT
 from mocap.filters.joint_types import Articulation, joints_of
-from mocap.filters.models.base import POSED, FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.limbs import held_together, known_poses, sides
 from mocap.filters.models.pose import WEIGHT, PoseSettings, learn_pose, recorded_motion
 from mocap.filters.motion.articulated import ArticulatedMotion
@@ -51,13 +50,24 @@ class ArticulatedSettings(TrajectoryModel):
             the segments keep.
     """
 
-    effort: ClassVar[float] = POSED
     pose: PoseSettings = ANGLES
 
     @property
     def description(self) -> str:
         """Its name."""
         return "joint angles"
+
+    def tuned_s(self, markers: int, frames: int) -> float:
+        """As of poses."""
+        return self.pose.tuned_s(markers, frames)
+
+    def fit_s(self, markers: int, frames: int) -> float:
+        """As of poses."""
+        return self.pose.fit_s(markers, frames)
+
+    def fill_s(self, markers: int, frames: int) -> float:
+        """As of poses."""
+        return self.pose.fill_s(markers, frames)
 
     def applies(self, anatomy: Anatomy) -> bool:
         """Of an animal with rigid bones."""

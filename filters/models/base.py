@@ -4,17 +4,16 @@ A new model is a file with such a class, and a line in ``mocap.filters.models.re
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from itertools import accumulate
-from typing import Any, ClassVar, Protocol
+from functools import cached_property
+from typing import Any, Protocol
 
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.bones import rigid_bones, sized_like
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.potential import Bones
-from mocap.filters.observations import Observations, WithBodies
+from mocap.filters.observations import Observations, PositionObservations, WithBodies
 from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from mocap.filters.records import Estimate
 from mocap.filters.rigid import Completed, completed, find_bodies
@@ -23,20 +22,14 @@ from mocap.filters.velocities import RatePoints
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.efforts import Progress, shares
 from eal.threads import one_blas_thread
 
-Progress = Callable[[float], None]
-Call = Callable[..., Any]
-"""Takes ``progress``, which is called with the share done, or is None; may be made in another process."""
-CallAll = Callable[[Sequence[Call], Progress | None], list[Any]]
-"""What calls that do not wait for each other return, in their order (``in_turn``); it may make them side by side."""
-FITTED = 0.3
-"""Share of a model's time that its fit takes: of the pose of the built-in bat 0.28 and 0.37 (processor seconds)."""
-POSED = 25.0
-"""Effort of a frame by a model of the whole pose, beside one of each marker alone: 16 and 34 on the built-in bat."""
-OF_PIXELS = 2.0
-"""Effort of a frame of a recording as it was seen, with rates, beside one of positions with hidden gaps: 2.8 and 1.7
-there, in two runs on a busy computer, by which it was chosen."""
+OF_PIXELS = 1.7
+"""Times that filling pixels takes, with rates, in place of positions with hidden gaps: 1.5 to 1.8. Positions with rates
+take 1.1 to 1.4."""
+LEARNED = 0.25
+"""Share of a fit that is left where settings were learned from the same trials before: a regression, 0.1 to 0.4."""
 
 
 @dataclass(eq=False)
@@ -141,9 +134,6 @@ class Fitted(Protocol):
 class TrajectoryModel(ABC):
     """Settings of a motion model: a frozen dataclass of numbers, strings, tuples of these, and other such models."""
 
-    effort: ClassVar[float] = 1.0
-    """Time that a frame takes beside other models (``POSED``), by which the time left is told."""
-
     @property
     @abstractmethod
     def description(self) -> str:
@@ -152,6 +142,21 @@ class TrajectoryModel(ABC):
     @abstractmethod
     def fit(self, trials: TrialSet) -> Fitted:
         """Learn from trials, among them the one to fill."""
+
+    def tuned_s(self, markers: int, frames: int) -> float:  # noqa: ARG002
+        """About the processor seconds of ``tuned`` with trials of so many frames, beside ``fill_s``; here none."""
+        return 0.0
+
+    def fit_s(self, markers: int, frames: int) -> float:  # noqa: ARG002
+        """The same of a fit; here none."""
+        return 0.0
+
+    def fill_s(self, markers: int, frames: int) -> float:
+        """The same of filling so many frames, by which the time left is told; here of each marker by itself.
+
+        1.2 to 1.5 ms a frame of 15 markers, 2.7 of 34.
+        """
+        return 8e-5 * markers * frames
 
     def applies(self, anatomy: Anatomy) -> bool:  # noqa: ARG002
         """Whether such an animal can be modelled so; here any."""
@@ -176,45 +181,25 @@ def estimate(
 ) -> Estimate:
     """Fit a model to trials and fill the last one; on one BLAS thread, which is faster than two at these sizes."""
     with one_blas_thread():
-        learn, fill = shares(progress, [FITTED, 1 - FITTED])
+        learn, fill = shares(progress, seconds_of(model, trials, observations, learned=bool(trials.learned)))
         fitted = model.fit(trials)
         if learn is not None:
             learn(1.0)
         return fitted.fill(observations, rate_points=rate_points, progress=fill)
 
 
-def shares(progress: Progress | None, efforts: Sequence[float]) -> list[Progress | None]:
-    """What each of several parts calls with its own share done.
+def seconds_of(
+    model: TrajectoryModel, trials: TrialSet, observations: Observations, *, learned: bool
+) -> tuple[float, float]:
+    """About the seconds in which a model is fitted to trials, and fills the last: these count beside each other.
 
     Args:
-        progress: Called with the share done of the whole.
-        efforts: Time that each part takes; only their ratios count.
+        model: Its settings.
+        trials: The trials.
+        observations: What each frame of the last shows.
+        learned: Whether settings were learned from these trials before.
     """
-    ends, whole = [*accumulate(efforts, initial=0.0)], sum(efforts)
-
-    def tell(part: int, share: float) -> None:
-        if progress is not None:
-            progress((ends[part] + share * efforts[part]) / whole)
-
-    return [None if progress is None else partial(tell, part) for part in range(len(efforts))]
-
-
-def with_effort(call: Any, effort: float) -> Call:
-    """A call (a partial function) that says how much time it takes beside others; it keeps that where it travels."""
-    call.effort = effort
-    return call
-
-
-def efforts_of(calls: Sequence[Call]) -> list[float]:
-    """Time that each of some calls takes beside the others, as far as they say it."""
-    return [getattr(call, "effort", 1.0) for call in calls]
-
-
-def in_turn(calls: Sequence[Call], progress: Progress | None = None) -> list[Any]:
-    """What calls return, made one after the other.
-
-    Args:
-        calls: See ``Call``.
-        progress: Called with the share done of all of them together.
-    """
-    return [call(progress=tell) for call, tell in zip(calls, shares(progress, efforts_of(calls)), strict=True)]
+    lengths, markers = [len(trial.t_s) for trial in trials.trials], trials.trials[-1].xyz_m.shape[1]
+    fit_s, fill_s = model.fit_s(markers, sum(lengths)), model.fill_s(markers, lengths[-1])
+    pixels = not isinstance(observations, PositionObservations)
+    return (LEARNED if learned else 1.0) * fit_s, (OF_PIXELS if pixels else 1.0) * fill_s

@@ -5,13 +5,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from mocap.filters.models.base import Progress, TrajectoryModel, TrialSet
+from mocap.filters.models.base import TrajectoryModel, TrialSet
 from mocap.filters.one_camera import left_out, track_views
 from mocap.filters.one_view import Views
 from mocap.filters.pose_prior import PosePrior, learn_prior
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import RatePoints
+
+from eal.efforts import Progress
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

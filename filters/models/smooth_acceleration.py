@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mocap.filters.models.base import FittedMotion, Progress, TrajectoryModel, TrialSet, shares
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.constant_velocity import MarkerSettings, start_of
 from mocap.filters.motion.smooth_acceleration import SmoothAcceleration
 from mocap.filters.moving import Rates
@@ -16,6 +16,7 @@ from mocap.filters.velocities import RatePoints
 from numpy.typing import ArrayLike, NDArray
 
 from eal.arrays import Array
+from eal.efforts import Progress, shares
 
 LEAST = 0.01
 """A motion of a smaller weight is left out."""

@@ -9,7 +9,7 @@ from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.samples import jump_findings, pixel_findings, point_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, undistorted
-from mocap.cameras.origin import PixelOptions, decide_origin
+from mocap.cameras.origin import OriginError, PixelOptions, decide_origin
 from mocap.errors import CalibrationError
 from mocap.findings import Finding, Kind, alarm, worst_first
 from mocap.io.contents import FileContents
@@ -45,8 +45,10 @@ def audit_recording(recording: FileContents, options: PixelOptions = PixelOption
     except CalibrationError as error:
         question = alarm(kind=Kind.PIXEL_ORIGIN, text=str(error), mends=error.mends)
         plain = undistorted(cameras, pixels.uv_px)
-        rest = [*pixel_findings(pixels), *camera_findings(cameras, y_up=None), *fit_findings(cameras, plain)]
-        return worst_first([question, *rest])
+        fit = fit_findings(cameras, plain)
+        if not isinstance(error, OriginError):  # which has told that the two do not belong together
+            fit = [one for one in fit if one.kind is not Kind.FOREIGN_CALIBRATION]
+        return worst_first([question, *pixel_findings(pixels), *camera_findings(cameras, y_up=None), *fit])
 
     def ideal(iterations: int | None) -> Array:
         return decision.ideal(cameras, pixels.uv_px, iterations=iterations)

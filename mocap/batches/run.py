@@ -45,6 +45,7 @@ from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.findings import Finding
 from mocap.io.output import result_file
+from mocap.progress import Stages, left_s, lines, silent
 from mocap.reading.reading import of_session
 from mocap.recording import Recording
 from mocap.results.cycle_table import CycleTable, stored_table
@@ -430,7 +431,7 @@ class _State:
 
     def _tell(self) -> None:
         ended = len(self.went) - self.before
-        left = (monotonic() - self.begun_s) / ended * len(self.missing) if ended else None
+        left = left_s(monotonic() - self.begun_s, ended / (ended + len(self.missing))) if ended else None
         self.progress(
             Progress(
                 done=len(self.went),
@@ -510,6 +511,7 @@ def checked_model(model: str | PathLike[str]) -> str | Path:
     return existing_model(model, (*MODELS, LEARN)).absolute()
 
 
+LEARNING = "learning from all trials"
 MODEL, OF = "model.npz", "model.json"
 """The model, and what it was learned from."""
 
@@ -546,7 +548,8 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int, *, progress: Hear
     left_out: dict[str, str] = {}
     try:
         with one_blas_thread():
-            model = Model(learn_from(_sources(trials, used, left_out, progress), seed=seed))
+            stages = Stages(tell=silent if progress is None else lines(lambda line: progress(f"{LEARNING}: {line}")))
+            model = Model(learn_from(_sources(trials, used, left_out, progress), seed=seed, stages=stages))
     except MocapError as error:
         if not used:
             first = next(iter(left_out.items()))
@@ -567,9 +570,9 @@ def _sources(
 ) -> Iterator[Recording]:
     """Those that can be read, one after the other; their names are added to ``used``, reasons to ``left_out``."""
 
-    def cleaned(trial: Trial, **corners: str) -> Recording | None:
+    def cleaned(number: int, trial: Trial, **corners: str) -> Recording | None:
         if progress is not None:
-            progress(f"learning from all trials: {trial.name}")
+            progress(f"{LEARNING}: {trial.name}, {number} of {len(trials)}")
         try:
             recording = clean(trial.recording(**corners).without_needless_calibration())
         except OriginError:  # the others may tell
@@ -580,4 +583,4 @@ def _sources(
         used.append(trial.name)
         return recording
 
-    return of_session(partial(cleaned, trial) for trial in trials)
+    return of_session(partial(cleaned, number, trial) for number, trial in enumerate(trials, start=1))

@@ -4,7 +4,6 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from datetime import timedelta
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +16,7 @@ from rich.text import Text
 
 from mocap.cli.console import errors, program, say, show_text, typed, visible
 from mocap.cli.options import AsJson, BatchTracking, LimitS, RecordingOptions, with_records
+from mocap.progress import in_words
 from mocap.text import number_of
 
 if TYPE_CHECKING:
@@ -31,7 +31,9 @@ MOST = 10
 def batch(
     sources: Annotated[
         list[str],
-        typer.Argument(help="Folders with trials, patterns in quotes ('data/**/*.c3d'), or a manifest (.csv)."),
+        typer.Argument(
+            metavar="FOLDER", help="Folders with trials, patterns in quotes ('data/**/*.c3d'), or a manifest (.csv)."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Folder of results: one folder per trial, summary.csv, summary.html.")],
     recording_options: RecordingOptions,
@@ -197,9 +199,9 @@ class _Lines:
 
 
 def _line(progress: "Progress") -> str:
-    """``12 of 100 trials done (3 before this run, 1 failed), about 0:03:20 left``."""
+    """``12 of 100 trials done (3 before this run, 1 failed), about 3 min left``."""
     counts = [f"{progress.before} before this run"] if progress.before else []
     counts += [f"{progress.failed} failed"] if progress.failed else []
-    left = "" if progress.left_s is None else f", about {timedelta(seconds=round(progress.left_s))} left"
+    left = "" if progress.left_s is None else f", about {in_words(progress.left_s)} left"
     more = f" ({', '.join(counts)})" if counts else ""
     return f"{progress.done} of {progress.total} trials done{more}{left}"

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
 from rich.segment import Segment
 
-from mocap.progress import bars
+from mocap.progress import bars, in_words, left_s
 from mocap.text import OTHER_OPTIONS, visible, with_options
 
 
@@ -125,7 +125,7 @@ class _Lines:
             return
         self.said, self.every_s = now, min(2 * self.every_s, MOST_SILENT_S)
         spent = now - self.stage_begun
-        left = f", about {spent * (1 / share - 1):.0f} s left" if share > 0.05 and spent > 2 else ""
+        left = f", about {in_words(left_s(spent, share) or 0.0)} left" if share > 0.05 and spent > 2 else ""
         done = f", {share:.0%} done" if share > 0 else ""
         self.say_line(f"{now - self.begun:.0f} s: {stage}{done}{left}")
 

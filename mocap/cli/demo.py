@@ -30,7 +30,7 @@ def demo(
     as_json: AsJson = False,
     verbose: Verbose = False,
 ) -> None:
-    """Track a built-in synthetic recording, and compare the result with its known truth."""
+    """Track a built-in synthetic recording, and compare the result with its ground truth."""
     from mocap import Tracked, processes
     from mocap.cli.closing import finish
     from mocap.io.output import result_folder

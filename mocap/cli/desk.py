@@ -16,7 +16,7 @@ def desk(
     tracking: TrackingOptions,
     sources: Annotated[
         list[str] | None,
-        typer.Argument(metavar="FOLDER", help="Folder with trials, as of mocap batch. Default: this folder."),
+        typer.Argument(metavar="FOLDER", help="Folder with trials, as for mocap batch. Default: this folder."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of results and corrections.")] = Path("out/desk"),
     jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time.")] = 2,

@@ -31,8 +31,11 @@ def skeleton(
 ) -> None:
     """Propose a skeleton from a recording: its markers, bones, rigid bodies, trunk and joints, in a file to correct.
 
-    mocap skeleton trial.csv > bat.toml; then: mocap track trial.csv --skeleton bat.toml. Of a model (.osim, .bioMod,
-    .urdf, MJCF's .xml) it writes the skeleton that the model describes.
+    From a model (.osim, .bioMod, .urdf, MJCF's .xml) it writes the skeleton that the model describes.
+
+    Example: mocap skeleton trial.csv > bat.toml
+
+    Then: mocap track trial.csv --skeleton bat.toml --out out/trial
     """
     from mocap.io.output import result_file
     from mocap.proposing.propose_skeleton import Proposal, propose_skeleton

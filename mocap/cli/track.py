@@ -49,7 +49,7 @@ def track(
     blocks: Annotated[
         int | None,
         typer.Option(
-            help="Track in blocks of so many frames, in less memory; 0: all at once. Default: 4000 above 20000 frames.",
+            help="Track in blocks of this many frames, to save memory; 0: all at once. Default: 4000 above 20,000.",
             min=0,
         ),
     ] = None,

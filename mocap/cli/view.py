@@ -79,7 +79,7 @@ def share(
     out: Out,
     force: Force = False,
 ) -> None:
-    """Write one page that holds the recording and its viewer: it opens by a double click, and reaches no host."""
+    """Write one page that holds the recording and its viewer: it opens with a double click and contacts no server."""
     from tempfile import TemporaryDirectory
 
     from mocap.io.output import result_folder

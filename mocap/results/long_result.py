@@ -95,12 +95,11 @@ def write_in_blocks(
     scores: Mapping[str, Score] = {}
     models: Counter[str] = Counter()
     with one_blas_thread(), BlockWriter(folder, fps=1 / recording.dt_s) as writer:
-        with stages.stage("learn once"):
-            excerpts, why = learned is None and model not in NAMED, "as asked"
-            if learned is not None:
-                why = f"learned from {', '.join(trial.name for trial in learned.trials[:6])}"
-            elif excerpts:
-                learned, why = learn_excerpts(recording, model=model, seed=seed)
+        excerpts, why = learned is None and model not in NAMED, "as asked"
+        if learned is not None:
+            why = f"learned from {', '.join(trial.name for trial in learned.trials[:6])}"
+        elif excerpts:
+            learned, why = learn_excerpts(recording, model=model, seed=seed, stages=stages)
         name = model if model in NAMED else "constant_velocity"
         wanted = name if learned is None else "learned"
         for core in blocks_of(n_frames, size):

@@ -30,7 +30,7 @@ from mocap.text import as_text
 from mocap.tracking.learning import learn_from
 from mocap.tracking.result import Result, rate_points
 from mocap.tracking.track_part import track_part
-from mocap.tracking.tracking import each_alone, motion_of, of_tracks, seen_part, why_no_pose
+from mocap.tracking.tracking import PREPARE, each_alone, motion_of, of_tracks, seen_part, why_no_pose
 
 Mask = NDArray[np.bool_]
 
@@ -100,13 +100,16 @@ class OnDisk(Recording):
         return of_points(tracks, self.skeleton, name=self.name)
 
 
-def learn_excerpts(recording: Recording, *, model: str = "auto", seed: int = 0) -> tuple[LearnedModel | None, str]:
+def learn_excerpts(
+    recording: Recording, *, model: str = "auto", seed: int = 0, stages: Stages | None = None
+) -> tuple[LearnedModel | None, str]:
     """What all blocks are tracked with: the model of stretches of a recording (``learn_from``), and why.
 
     Args:
         recording: The recording.
         model: ``mixture``, or ``auto``: none, where these teach no pose.
         seed: Where gaps are hidden.
+        stages: Timer and progress.
 
     Raises:
         MocapError: a mixture is asked for and cannot be learned.
@@ -114,17 +117,19 @@ def learn_excerpts(recording: Recording, *, model: str = "auto", seed: int = 0) 
     n_frames = len(recording.t_s)
     length = min(EXCERPT, n_frames)
     count = EXCERPTS if n_frames > EXCERPTS * EXCERPT else n_frames // length
-    shown = []
-    for start in np.linspace(0, n_frames - length, count).astype(int).tolist():
-        part = recording.at(slice(start, start + length))
-        if sighted(part).any():
-            shown.append(replace(clean(part, first=start), name=f"frames {start + 1} to {start + length}"))
+    shown, stages = [], stages or Stages()
+    with stages.stage(PREPARE) as share:
+        for number, start in enumerate(np.linspace(0, n_frames - length, count).astype(int).tolist(), start=1):
+            part = recording.at(slice(start, start + length))
+            if sighted(part).any():
+                shown.append(replace(clean(part, first=start), name=f"frames {start + 1} to {start + length}"))
+            share(number / count)
     shown = [one for one in shown if np.isfinite(one.xyz_m[..., 0]).any()]
     reasons = [why_no_pose(seen_part(one)) for one in shown]
     try:
         if None not in reasons:
             raise MocapError(reasons[0] if reasons else "no marker is seen in the frames that are learned from")
-        return learn_from(shown, seed=seed), f"learned from {len(shown)} x {length} frames of it"
+        return learn_from(shown, seed=seed, stages=stages), f"learned from {len(shown)} x {length} frames of it"
     except MocapError as error:
         if model == "mixture":
             raise MocapError(

@@ -27,7 +27,7 @@ from mocap.skeleton import Skeleton
 from mocap.text import number_of, plain
 from mocap.tracking.model_file import load_model as read_model
 from mocap.tracking.model_file import save_model
-from mocap.tracking.tracking import marker_trial, seen_frames
+from mocap.tracking.tracking import PREPARE, marker_trial, seen_frames
 
 MOST_FRAMES = 20_000
 """Of all recordings together: no more teaches anything that could be measured (docs/experiments/batch_cost.md), and
@@ -166,7 +166,7 @@ def learn_from(
         MocapError: a recording cannot be read, or they cannot be learned from together.
     """
     stages = stages or Stages()
-    with stages.stage("read, triangulate, clean") as share:
+    with stages.stage(PREPARE) as share:
         some = _kept(sources, tell, share)
     if not some.kept:
         raise MocapError("there is no recording to learn from")

@@ -94,7 +94,7 @@ def track_one_camera(
     scores: Mapping[str, Score] = {}
     if validated:
         points = np.where(np.any(part.seen, axis=0)[..., None], found.xyz_m, np.nan)
-        filled = replace(unseen, t_s=part.t_s, xyz_m=points)
+        filled = replace(unseen, t_s=part.t_s, xyz_m=points, sd_m=unseen.sd_m[frames])
         with stages.stage("validate on hidden samples") as progress:
             scores = filled_views(
                 fitted, TrialSet([*trials, filled], anatomy), views, name=NAME, seed=seed, progress=progress

@@ -20,6 +20,7 @@ from mocap.text import as_text
 from mocap.tracking.one_camera import NAME, track_one_camera
 from mocap.tracking.result import Result, rate_points
 from mocap.tracking.tracking import (
+    PREPARE,
     each_alone,
     learn_motion,
     marker_trial,
@@ -111,7 +112,7 @@ def _prepared(
     source: Recording, model: str, learned: LearnedModel | None, stages: Stages
 ) -> tuple[Recording, Recording, str | None, LearnedModel | None]:
     """The recording cleaned, its seen part, why no pose can be learned of it, and the model with its names."""
-    with stages.stage("read, triangulate, clean"):
+    with stages.stage(PREPARE):
         recording = clean(source)
         part = seen_part(recording)
         reason = why_no_pose(part)

@@ -38,6 +38,8 @@ from mocap.variables import VARIABLES, Values
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
 
+PREPARE = "read, triangulate, clean"
+"""The stage before a recording is tracked, or teaches."""
 POSE_FRAMES = 40
 """Frames that a pose is learned from at least. Chosen, not measured."""
 MOVED = {"moved": f"the track lies more than {FAR:g} standard deviations from where the sample was measured"}

@@ -74,6 +74,20 @@ def test_velocities_are_those_of_the_positions(found):
     assert np.allclose(rates.own[:, 0, :3, :3], result.estimate.cov_m2[:, 0], rtol=1e-3)
 
 
+def test_covariances_of_velocities_are_those_of_the_differences():
+    """G C G' with C of all frames together and G of ``np.gradient``, also at both ends, where that is one-sided."""
+    steps, rng = 5, np.random.default_rng(4)
+    root = rng.normal(size=(3 * steps, 3 * steps))
+    of_all = (root @ root.T).reshape(steps, 3, steps, 3)
+    lags = [np.array([of_all[t + lag, :, t] for t in range(steps - lag)]) for lag in range(3)]
+    rates = one_camera._rates(RatePoints(names=("tip",)), np.zeros((steps, 1, 3)), lags, 0.1)
+    assert rates is not None
+    slope = np.kron(np.gradient(np.eye(steps), 0.1, axis=0), np.eye(3))
+    for t in range(steps):
+        both = np.concatenate([np.kron(np.eye(steps)[t], np.eye(3)), slope[3 * t : 3 * t + 3]])
+        assert np.allclose(rates.own[t, 0], both @ root @ root.T @ both.T, rtol=1e-5)
+
+
 def test_gradient_is_that_of_the_cost(prior):
     """By differences of 1e-6 along random directions; the relative error of the second order is below 1e-4."""
     trial, rng = flapping(9, frames=20), np.random.default_rng(1)

@@ -1,6 +1,7 @@
 """Faults put into a clean recording are found and named; clean recordings raise no alarm."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +16,13 @@ from mocap.audit import (
     pixel_findings,
     point_findings,
 )
+from mocap.audit.file_audit import audit_recording
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.stored import _one_v_row
 from mocap.cameras.camera import Camera, flipped, project, record, stacked, undistorted
 from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelCorner, PixelTracks, Status
 from tests.mocap.rigs import ring
 
@@ -370,3 +373,22 @@ def test_a_late_camera_is_brought_in_step():
     assert misses[0] > 1.6 * misses[1]
     assert misses[1] < 0.6  # median residual of 0.5 px noise: 0.48 px
     assert np.isfinite(moved[1]).mean() > 0.9 * np.isfinite(ideal[1]).mean()
+
+
+def test_pixels_that_do_not_fit_their_calibration_are_told_of_once():
+    """Of cropped videos: what decides on the corner refuses them, and the check of the fit need not repeat it."""
+    scene = clean()
+    cropped = replace(scene.pixels, uv_px=0.3 * scene.pixels.uv_px)
+    frames = np.arange(len(cropped.t_s))
+    contents = FileContents(
+        format="x",
+        paths=(Path("a.csv"),),
+        names=cropped.names,
+        frames=frames,
+        pixels=cropped,
+        camera_names=cropped.cameras,
+        cameras=scene.cameras,
+    )
+    told = [found.text for found in audit_recording(contents) if "triangulation residual" in found.text]
+    assert len(told) == 1
+    assert "crop" in told[0]

@@ -20,6 +20,7 @@ from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, Kind, over_blocks
 from mocap.io.output import result_folder
+from mocap.progress import Stages
 from mocap.reading.ideal_pixels import of_pixels
 from mocap.recording import Recording, of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
@@ -361,7 +362,11 @@ def test_a_mixture_is_learned_once(bat, monkeypatch):
         "mocap.tracking.blocks.track_part",
         lambda *one, **options: given.append(options["learned"]) or track_part(*one, **options),
     )
-    learned, why = learn_excerpts(bat)
+    told = []
+    learned, why = learn_excerpts(bat, stages=Stages(tell=lambda *said: told.append(said)))
+    stages = [stage for stage, share in told if 0.0 < share < 1.0]
+    assert stages[0] == "read, triangulate, clean"
+    assert stages[-1] == "learn, fill hidden gaps"
     assert why == "learned from 2 x 120 frames of it"
     assert [trial.name for trial in learned.trials] == ["frames 1 to 120", "frames 231 to 350"]
     run, cleaned, own, _ = track_block(bat, range(100), learned=learned, excerpts=True)

@@ -112,6 +112,7 @@ def tunnel_and_field(tmp_path, monkeypatch):
             shutil.copy(files["pixels"], f"tunnel/walk{seed}_xypts.csv")
             continue
         pixels = pd.read_csv(files["pixels"])
+        pixels.iloc[[0, 1, -1]] = np.nan  # the animal comes and goes
         pixels[[name for name in pixels if "_cam1_" in name]].to_csv("field_xypts.csv", index=False)
         coefficients = np.loadtxt(files["coefficients"], delimiter=",")
         np.savetxt("tunnel_dltCoefs.csv", coefficients, delimiter=",")

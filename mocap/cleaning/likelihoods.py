@@ -89,8 +89,10 @@ def likelihood_noise(matrices: Array, uv_px: Array, likelihood: Array) -> Likeli
         What was learned; None where fewer than 2 ``FEWEST`` clicks can be compared, or likelihoods do not vary.
     """
     finite = np.isfinite(uv_px[..., 0]) & np.isfinite(likelihood)
-    if len(matrices) < 2 or not finite.any():
+    show = finite.any(axis=(1, 2))
+    if show.sum() < 2:
         return None
+    matrices, uv_px, likelihood, finite = (of[show] for of in (matrices, uv_px, likelihood, finite))
     pair = len(matrices) == 2
     half = HALF_IN_ONE if pair else HALF_IN_TWO
     middle = float(np.median(likelihood[finite]))

@@ -79,6 +79,10 @@ def test_two_cameras_tell_what_likelihoods_are_worth(clicked, cameras):
     assert found.factors(asked) == pytest.approx(true_factor(asked), rel=0.35)
     assert found.least > 0 or found.factors(np.array(0.1)) > 6
     shuffled = np.random.default_rng(5).permutation(likelihood[two].ravel()).reshape(likelihood[two].shape)
+    blind = np.where(np.isin(np.arange(4), two)[:, None, None, None], uv, np.nan)  # the others show nothing
+    assert likelihood_noise(stacked(bat.cameras), blind, likelihood).factors(asked) == pytest.approx(
+        found.factors(asked)
+    )
     same = likelihood_noise(stacked(bat.cameras)[two], uv[two], shuffled)
     assert same is not None
     assert same.least == 0

@@ -254,15 +254,17 @@ def size_spread(trials: Sequence[MarkerTrial]) -> float:
 
     A trial's size is the median over bones of how much longer they are in it than in all: markers that are placed
     elsewhere make single bones 15 % longer. The variance of sizes is drawn towards that of animals
-    (``bones.LEAST_SIZE``), which counts as one more trial.
+    (``bones.LEAST_SIZE``), which counts as one more trial. The mean of n sizes, which is taken for the one to come,
+    errs by 1/n of it.
     """
     ends = rigid_bones(trials).ends
     sizes = np.array([log_distances(trial, ends)[0] for trial in trials])
     kept = np.isfinite(sizes).all(axis=0)
     if not kept.any():
-        return LEAST_SIZE
+        return float(LEAST_SIZE * np.sqrt(1 + 1 / len(trials)))
     sizes = np.median(sizes[:, kept] - sizes[:, kept].mean(axis=0), axis=1)
-    return float(np.sqrt((LEAST_SIZE**2 + np.sum((sizes - sizes.mean()) ** 2)) / len(trials)))
+    variance = (LEAST_SIZE**2 + np.sum((sizes - sizes.mean()) ** 2)) / len(trials)
+    return float(np.sqrt(variance * (1 + 1 / len(trials))))
 
 
 def autoregression(parts: Sequence[Array]) -> tuple[Array, Array, Array, Array]:

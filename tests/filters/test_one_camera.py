@@ -10,6 +10,7 @@ from mocap.filters.errors import FilterError
 from mocap.filters.one_camera import LeftOut, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import PosePrior, learn_prior, marker_sd, size_spread
+from mocap.filters.poses import MarkerTrial
 from mocap.filters.rays_and_bones import about
 from mocap.filters.velocities import RatePoints
 from scipy.spatial.transform import Rotation
@@ -295,18 +296,38 @@ def test_deviations_of_markers_hold_in_trials_to_come():
     assert 0.9 < np.mean(ratio) < 1.1
 
 
+def scaled(trial: MarkerTrial, log_size: float) -> MarkerTrial:
+    """An animal of another size."""
+    return replace(trial, xyz_m=np.exp(log_size) * trial.xyz_m, sd_m=np.exp(log_size) * trial.sd_m)
+
+
 def test_sizes_of_trials_are_those_of_their_bones():
-    """Of two animals of e^0.1: sqrt((0.02^2 + 2 0.05^2) / 2), also where a marker sits elsewhere; of one 0.02 / sqrt 2.
+    """Of two animals of e^0.1: sqrt(3/2 (0.02^2 + 2 0.05^2) / 2), also where a marker sits elsewhere.
 
     Lengths of bones are known to 0.5 %, one of 11 or so moves a median by less.
     """
     one, two = flapping(1), flapping(2)
-    large = replace(two, xyz_m=np.exp(0.1) * two.xyz_m, sd_m=np.exp(0.1) * two.sd_m)
+    large = scaled(two, 0.1)
     moved = replace(large, xyz_m=large.xyz_m + np.where(np.arange(len(NAMES))[:, None] == 0, [0.0, 0.01, 0.0], 0.0))
-    assert size_spread([one, two]) == pytest.approx(0.02 / np.sqrt(2), rel=0.02)
+    assert size_spread([one, two]) == pytest.approx(0.02 * np.sqrt(1.5 / 2), rel=0.02)
     for other in (large, moved):
-        assert size_spread([one, other]) == pytest.approx(np.sqrt((0.02**2 + 2 * 0.05**2) / 2), rel=0.05)
-    assert size_spread([one]) == 0.02
+        assert size_spread([one, other]) == pytest.approx(np.sqrt(1.5 * (0.02**2 + 2 * 0.05**2) / 2), rel=0.05)
+    assert size_spread([one]) == pytest.approx(0.02 * np.sqrt(2))
+
+
+@pytest.mark.parametrize("trials", [1, 2, 3])
+def test_a_trial_to_come_is_as_large_as_few_trials_say(trials):
+    """Sizes that spread as those of animals do: the next one is off the mean of few by what these state.
+
+    150 draws: root mean squares of errors are known to 1 / sqrt(300), of deviations of one more trial to as much.
+    """
+    rng = np.random.default_rng(trials)
+    known, off, stated = [flapping(seed, frames=60) for seed in range(1, 1 + trials)], [], []
+    for _ in range(150):
+        *sizes, coming = 0.02 * rng.normal(size=trials + 1)
+        stated.append(size_spread([scaled(trial, size) for trial, size in zip(known, sizes, strict=True)]))
+        off.append(coming - np.mean(sizes))
+    assert np.sqrt(np.mean(np.square(off)) / np.mean(np.square(stated))) == pytest.approx(1.0, abs=0.16)
 
 
 def test_frames_before_enough_is_seen_are_not_tracked():

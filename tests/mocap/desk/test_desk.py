@@ -8,11 +8,12 @@ import subprocess
 import sys
 import textwrap
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import httpx2
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
@@ -561,11 +562,20 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
     assert kept == 9
 
 
+def _group(number):
+    """The processes of a group that have not ended."""
+    for one in psutil.process_iter(["status"]):
+        with suppress(ProcessLookupError):
+            if one.info["status"] != psutil.STATUS_ZOMBIE and os.getpgid(one.pid) == number:
+                yield one.pid
+
+
 @pytest.mark.rare
 @pytest.mark.skipif(os.name != "posix", reason="a terminal's Ctrl-C reaches a group of processes")
 @pytest.mark.parametrize("after_s", [0.0, 1.0, 3.0])
-def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path, after_s):
-    """Ctrl-C reaches the processes that import and read, too; all end with one line."""
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path, after_s, name):
+    """Ctrl-C reaches the processes that import and read, too, ``kill`` the command alone: one line, nothing is left."""
     words = ["desk", str(scene.folder), "--calibration", str(scene.folder / "calibration.toml"), "--fps", str(FPS)]
     script = (
         f"import sys; from mocap.cli.main import main; sys.argv = {['mocap', *words, '--out', str(tmp_path)]}; main()"
@@ -582,8 +592,10 @@ def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path,
         assert run.stdout is not None
         assert run.stdout.readline().startswith("The desk is at ")
         time.sleep(after_s)
-        os.killpg(run.pid, signal.SIGINT)
-        said = run.stdout.read()
+        (os.killpg if name == "SIGINT" else os.kill)(run.pid, getattr(signal, name))
+        said = run.stdout.read()  # to its end: no process holds it any more
         assert run.wait() == 0
     assert "Traceback" not in said
-    assert said.splitlines()[-1].startswith("The desk ended (SIGINT)")
+    assert said.splitlines()[-1].startswith(f"The desk ended ({name})")
+    assert not list(_group(run.pid))
+    assert not [path for path in tmp_path.rglob("*") if path.is_file() and path.name != "manifest.csv"]

@@ -335,6 +335,40 @@ def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path, drive
         assert [path.name for path in kept.paths] == ["a_xypts.csv", "b_xypts.csv", "c_xypts.csv"]
 
 
+def test_a_frame_rate_is_typed_for_all_trials(scene, tmp_path, driver):
+    """Where no file states it and no command did: as people write it, of one trial or, ticked, of all; else refused."""
+    for name in ("one", "two"):
+        shutil.copy(scene.folder / "flight_xypts.csv", tmp_path / f"{name}_xypts.csv")
+    stated = {"calibration": scene.folder / "calibration.toml"}
+    with (
+        opened_desk([str(tmp_path)], tmp_path / "out", options=OPTIONS, arguments=stated) as desk,
+        served(desk_page(desk)) as site,
+    ):
+        with client(site.address) as browser:
+            for name, value in (("fps", -1.0), ("fps", "fast"), ("fps", True), ("correct_lag", 1.0), ("unit", 1.0)):
+                answer = browser.told("state", {"name": name, "value": value}, trial="one")
+                assert answer.status_code == 400, (name, value)
+        driver.get(site.address)
+        until(driver, "document.body.dataset.ready === '1'")
+        for k, (typed, wanted) in enumerate((("100", [100.0, None]), ("99,5", [99.5, 99.5]))):
+            driver.execute_script(f"document.querySelectorAll('#rows .name')[{k}].click()")
+            driver.find_element("class name", "look").click()
+            until(driver, f"document.body.dataset.audits === '{2 * k + 1}'")
+            entry, button = (
+                driver.find_element("css selector", f"#findings input.number{more}") for more in ("", " + .mend")
+            )
+            entry.send_keys("fast")
+            button.click()
+            until(driver, "document.getElementById('said').textContent.includes('not a number above zero')")
+            if k:
+                driver.find_element("id", "alike").click()
+            entry.clear()
+            entry.send_keys(typed)
+            button.click()
+            until(driver, f"document.body.dataset.audits === '{2 * k + 2}'")
+            assert [trial.arguments.get("fps") for trial in read_manifest(desk.manifest)] == wanted
+
+
 def test_what_a_refusal_names_has_a_button(worked, monkeypatch):
     """Cameras that start apart are refused, as reading has it: the desk offers what mends the error."""
     _, browser = worked

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 from mocap.batches.one import track_trial
@@ -65,7 +66,7 @@ def pictured(driver, name):
 
 def keyed(driver, *keys):
     """Keys to whatever has the focus."""
-    driver.switch_to.active_element.send_keys(*keys)
+    ActionChains(driver).send_keys(*keys).perform()  # as a keyboard does, which asks no element whether it is seen
 
 
 def tab_to(driver, wanted, most=120):

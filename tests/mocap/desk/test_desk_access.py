@@ -66,7 +66,15 @@ def pictured(driver, name):
 
 def keyed(driver, *keys):
     """Keys to whatever has the focus."""
-    ActionChains(driver).send_keys(*keys).perform()  # as a keyboard does, which asks no element whether it is seen
+    does = ActionChains(driver)  # as a keyboard does, which asks no element whether it is seen
+    for key in keys:
+        if key == Keys.CONTROL:
+            does.key_down(key)
+        elif key == Keys.NULL:
+            does.key_up(Keys.CONTROL)
+        else:
+            does.send_keys(key)
+    does.perform()
 
 
 def tab_to(driver, wanted, most=120):

@@ -103,6 +103,7 @@ function details() {
     await post("pass", t.name, { kind: kinds.value }); count("passed"); }) });
   $("actions").replaceChildren(look, bones, proof, stops, skip, pass, kinds);
   const found = audited[t.name];
+  $("alike").parentElement.hidden = !found || !found.some(f => f.mend.length);
   $("findings").replaceChildren(...found ? found.map(f => finding(t, f)) : wrongs(t).map(text => make("p", text)));
   if (!found && !wrongs(t).length) $("findings").append(make("p", t.status === "new" ? "Not tracked yet." : "Nothing is wrong.", { className: "quiet" }));
 }

@@ -20,10 +20,12 @@ LEAST = 0.3
 
 def told_whole(tell: Tell) -> Tell:
     """Progress of the stages of ``mocap track`` as the stage and the share of the whole that is done."""
-    now = ""
+    now, most = "", 0.0
 
     def told(_name: str, share: float) -> None:
-        tell(now, share)
+        nonlocal most
+        most = max(most, share)  # some trials are tracked a second time
+        tell(now, most)
 
     whole = as_one(told, "", SECONDS)
 

@@ -245,6 +245,16 @@ def test_a_batch_says_what_is_left_within_a_third(workers):
     assert sum(right) > 0.7 * len(right)
 
 
+def test_a_trial_that_is_tracked_twice_does_not_go_back():
+    """The mixture settles on one model, and is followed by it."""
+    shares = []
+    tell = told_whole(lambda _, share: shares.append(share))
+    for stage, share in ((MIX, 0.5), (MIX, 1.0), ("track", 0.0), ("track", 1.0), (JOINTS, 0.0), (WRITE, 1.0)):
+        tell(stage, share)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
 def test_what_is_left_is_not_said_too_early_nor_at_the_end():
     """Of trials without known samples as of the others; a failure, which took no time, tells nothing."""
     assert time_left({"a": 100, "b": 100}, {}, {"a": (5.0, 0.2)}, workers=1) is None

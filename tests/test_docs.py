@@ -222,7 +222,6 @@ def test_the_paper_and_the_citation_agree():
         assert of_paper == cited_as
 
 
-
 def test_the_newest_version_is_read_in_a_minute():
     """Sixty lines, by area, begun by what a user must do: the log has the rest."""
     newest = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]

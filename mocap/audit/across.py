@@ -53,6 +53,7 @@ class TrialFacts:
         lag_frames: By how much each camera runs late; empty: not known.
         noise_px: Standard deviation of a digitised point from frame to frame; NaN without pixels.
         seen: Share of the samples of its tracked range that were digitised.
+        samples: Number of samples (a marker in a frame) that were digitised in any camera; 0: not known.
         stated: Arguments that were stated for this trial alone, as in a manifest: it may differ in these.
     """
 
@@ -73,6 +74,7 @@ class TrialFacts:
     lag_frames: tuple[float, ...] = ()
     noise_px: float = float("nan")
     seen: float = float("nan")
+    samples: int = 0
     stated: tuple[str, ...] = ()
 
     @property

@@ -51,8 +51,8 @@ def _made(call: Call, key: str) -> Any:
     """On a worker: make a call; what it tells is heard under ``TOPIC``."""
     worker = get_worker()
 
-    def tell(stage: str) -> None:
-        worker.log_event(TOPIC, {"worker": worker.address, "key": key, "stage": stage})
+    def tell(*what: object) -> None:
+        worker.log_event(TOPIC, {"worker": worker.address, "key": key, "what": what})
 
     return call(progress=tell)
 
@@ -84,7 +84,7 @@ class Cluster:
 
         def heard(event: tuple[float, Any]) -> None:
             if event[1]["key"] in keys:  # others' batches are told of, too
-                hear(event[1]["worker"], keys[event[1]["key"]], event[1]["stage"])
+                hear(event[1]["worker"], keys[event[1]["key"]], *event[1]["what"])
 
         batch = token_hex(8)  # of two calls of one key a scheduler makes one
         keys = {f"mocap-{batch}-{i}": name for i, name in enumerate(calls)}

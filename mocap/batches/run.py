@@ -37,6 +37,7 @@ from mocap.batches.summary import (
     write_summary,
     write_times,
 )
+from mocap.batches.time_left import time_left
 from mocap.batches.trial import Options, Record, Trial, earlier_record, keep, key_of, read_record, some, why_failed
 from mocap.batches.worker import failed, track_here
 from mocap.cameras.origin import OriginError
@@ -45,7 +46,7 @@ from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.findings import Finding
 from mocap.io.output import result_file
-from mocap.progress import Stages, left_s, lines, silent
+from mocap.progress import Stages, lines, silent
 from mocap.reading.reading import of_session
 from mocap.recording import Recording
 from mocap.results.cycle_table import CycleTable, stored_table
@@ -303,6 +304,7 @@ def _compared(makes: Runner, state: "_State", limit_s: float | None) -> dict[str
                 facts[name] = found
         state.forget_workers()
     told = told_by_siblings(state.todo, facts)
+    state.samples |= {name: one.samples for name, one in facts.items()}
     state.forget(
         name
         for name, record in state.went.items()
@@ -358,9 +360,11 @@ class _State:
         went: How trials went that have been finished.
         taken: Seconds that trials took in this run.
         doing: The trial that each worker is at, and the stage of it, by the worker's address.
+        works: Since when each trial is tracked that is, and the share of it that is done.
+        took_s: How long those took that have ended, in this run.
+        samples: How many a trial has; those that are not here are not known.
         numbers: What each worker is called, by its address.
         before: How many had been finished when it began.
-        begun_s: When that was.
         refreshed_s: When the summary was written last.
         turn: Workers are heard in a thread of its own; one at a time tells.
     """
@@ -374,9 +378,11 @@ class _State:
     went: dict[str, Record] = field(default_factory=dict)
     taken: dict[str, float] = field(default_factory=dict)
     doing: dict[str, tuple[str, str]] = field(default_factory=dict)
+    works: dict[str, tuple[float, float]] = field(default_factory=dict)
+    took_s: dict[str, float] = field(default_factory=dict)
+    samples: dict[str, int] = field(default_factory=dict)
     numbers: dict[str, int] = field(default_factory=dict)
     before: int = 0
-    begun_s: float = 0.0
     refreshed_s: float = 0.0
     turn: Lock = field(default_factory=Lock)
 
@@ -387,16 +393,18 @@ class _State:
 
     def begin(self) -> None:
         """Start the clock; a summary that cannot be written is told before hours are spent."""
-        self.before, self.begun_s = len(self.went), monotonic()
+        self.before = len(self.went)
         if not self.shared:
             self.sum_up()
         self._tell()
 
-    def hear(self, worker: str, trial: str, stage: str) -> None:
-        """A worker says what it does."""
+    def hear(self, worker: str, trial: str, stage: str, share: float | None = None) -> None:
+        """A worker says what it does, and which share of the trial is tracked."""
         with self.turn:
             self.numbers.setdefault(worker, len(self.numbers) + 1)
             self.doing[worker] = trial, stage
+            if share is not None:
+                self.works[trial] = self.works.get(trial, (monotonic(), 0.0))[0], share
             self._tell()
 
     def forget(self, names: Iterable[str]) -> None:
@@ -409,8 +417,13 @@ class _State:
         """A trial is not of this run any more."""
         with self.turn:
             self.todo = [trial for trial in self.todo if trial.name != name]
-            self.doing = {worker: does for worker, does in self.doing.items() if does[0] != name}
+            self._free(name)
             self._tell()
+
+    def _free(self, name: str) -> float | None:
+        """Nobody is at a trial any more; since when it was tracked."""
+        self.doing = {worker: does for worker, does in self.doing.items() if does[0] != name}
+        return self.works.pop(name, (None, 0.0))[0]
 
     def forget_workers(self) -> None:
         """Others come."""
@@ -422,7 +435,9 @@ class _State:
         """A trial has ended."""
         with self.turn:
             self.went[record.trial] = record
-            self.doing = {worker: does for worker, does in self.doing.items() if does[0] != record.trial}
+            since_s = self._free(record.trial)
+            if since_s is not None and record.status == "done":
+                self.took_s[record.trial] = monotonic() - since_s
             self._tell()
         if seconds is not None:
             self.taken[record.trial] = seconds
@@ -430,8 +445,13 @@ class _State:
             self.sum_up()
 
     def _tell(self) -> None:
-        ended = len(self.went) - self.before
-        left = left_s(monotonic() - self.begun_s, ended / (ended + len(self.missing))) if ended else None
+        now_s, names = monotonic(), {*self.took_s, *(trial.name for trial in self.missing)}
+        left = time_left(
+            {name: self.samples.get(name, 0) for name in names},
+            self.took_s,
+            {name: (now_s - since_s, share) for name, (since_s, share) in self.works.items() if name in names},
+            workers=min(len(self.numbers), len(self.missing)),
+        )
         self.progress(
             Progress(
                 done=len(self.went),

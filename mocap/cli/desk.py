@@ -59,7 +59,7 @@ def desk(
             behind.becomes(desk_page(opened))
             looked = opened.looked
             looked.add_done_callback(lambda done: page.end("there is nothing to open") if done.exception() else None)
-            why = page.wait(idle_s=seconds(until_idle), works=lambda: bool(opened.progress()["running"]))
+            page.wait(idle_s=seconds(until_idle), works=lambda: bool(opened.progress()["running"]))
             if looked.done() and not opened.trials:
                 looked.result()  # why there are none
-    say(f"The desk ended ({why}); what was corrected and tracked is in {out}")
+    say(f"The desk ended ({page.why}); what was corrected and tracked is in {out}")

@@ -85,7 +85,8 @@ def digitise(
                     f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
                     "Who has this address can see the videos and change the clicks: keep it to yourself.",
                 )
-                say(f"The page ended ({page.wait(idle_s=seconds(until_idle))}); clicks are saved in {out}")
+                page.wait(idle_s=seconds(until_idle))
+            say(f"The page ended ({page.why}); clicks are saved in {out}")
         if session.found is not None:
             with result_folder(out, "digitise", replace=True, beside=True, tell=say) as folder:
                 session.found.write(folder, most=budget)

@@ -52,12 +52,13 @@ MEND: Mapping[str, tuple[tuple[str, Any], ...]] = {
     "fit_lens": (("Estimate the lens", True),),
     "correct_lag": (("Correct the lag", True),),
     "origin": (("Rows count from above", "upper-left"), ("Rows count from below", "lower-left")),
+    "fps": (("State the frame rate (Hz)", None),),
     "unit": tuple((f"Lengths are in {unit}", unit) for unit in ("m", "mm", "cm", "in", "ft")),
     "tracks": (("Swap the cameras", "in their order"),),
     "edits_anyway": (("Use the corrections all the same", True),),
 }
 """What can be done about a finding, by the argument of ``mocap.read`` that mends it: what a person reads, and the
-argument's value."""
+argument's value; None: a number that the person types."""
 SHOWN = ("measured_percent", "rmse_mm", "fps")
 """Columns of ``summary.csv`` that the table of trials has, too."""
 PASSED = {
@@ -244,11 +245,11 @@ class Desk:
                 "alarm": one.alarm,
                 "open": one.asks and not one.alarm,
                 "mend": [
-                    {"said": label, "name": key, "value": value}
+                    {"said": label, "name": key, "value": value, "others": one.numbers.get("others")}
                     for key in one.mends or ()
                     if key != "tracks" or swap is not None
                     for label, value in MEND.get(key, ())
-                    if trial.arguments.get(key) != value
+                    if value is None or trial.arguments.get(key) != value
                 ],
             }
             for one in found

@@ -183,20 +183,33 @@ class Draft:
             else:
                 out[kind] = [one for one in entry if str(one) not in gone] if isinstance(entry, list) else entry
         measures = _renamed(out, new)
-        there = {*joints, *(joint.name for joint in self.skeleton.body_joints)}
-        measures["axes"] = {name: axes for name, axes in measures.get("axes", {}).items() if name in there}
+        called = _joint_names(joints, old, names)
+        there = called | {joint.name: joint.name for joint in self.skeleton.body_joints}
+        axes = measures.get("axes", {}).items()
+        measures["axes"] = {there[name]: axes for name, axes in axes if name in there}
         return replace(
             self.skeleton,
             markers=tuple(name for name in names if name),
             bones=tuple(Bone(a=names[a], b=names[b], rigid=rigid) for a, b, rigid in bones),
             trunk=tuple(names[m] for m in trunk),
             joints=tuple(
-                Joint(name=k, parent=names[a], centre=names[b], child=names[c]) for k, (a, b, c) in joints.items()
+                Joint(name=called[k], parent=names[a], centre=names[b], child=names[c])
+                for k, (a, b, c) in joints.items()
             ),
             bodies=_renamed(table.get("bodies", {}), new),
             aliases={of: name for of, name in zip(files, names, strict=True) if name and name != of},
             measures=measures,
         )
+
+
+def _joint_names(joints: Mapping[str, tuple[int, int, int]], old: Sequence[str], new: Sequence[str]) -> dict[str, str]:
+    """What joints are called whose points are called otherwise: those that are named after their points follow them."""
+    out: dict[str, str] = {}
+    for name, (a, b, c) in joints.items():
+        after = {old[b]: new[b]} | {f"{old[b]}_{old[end]}": f"{new[b]}_{new[end]}" for end in (a, c)}
+        found = after.get(name, name)
+        out[name] = name if found in {*joints, *out.values()} else found
+    return out
 
 
 def _rows_of(kind: str, entry: Any) -> list[list[str]]:

@@ -22,7 +22,8 @@ _Text = Annotated[str, Field(max_length=500)]
 _Frame = Annotated[int, below("frames")]
 _Marker = Annotated[int, below("markers")]
 _Point = Annotated[int, below("points")]
-_STATED = {(key, value) for key, ways in MEND.items() for _, value in ways}
+_STATED = {(key, value) for key, ways in MEND.items() for _, value in ways if value is not None}
+_TYPED = {key for key, ways in MEND.items() if any(value is None for _, value in ways)}
 
 
 W = TypeVar("W", bound="_Writes")
@@ -71,12 +72,15 @@ class _WritesTrial(_Writes):
 
 class _Answer(_WritesTrial):
     name: _Text
-    value: bool | _Text
+    value: bool | _Text | Annotated[float, Field(gt=0.0, le=1e6, allow_inf_nan=False)]
 
     @model_validator(mode="after")
     def _is_one_of_ours(self) -> Self:
-        if self.name != "skip" and (self.name, self.value) not in _STATED:
-            raise ValueError(f"expected one of {sorted({key for key, _ in _STATED})} or skip, with a value of theirs")
+        typed = isinstance(self.value, float)
+        known = self.name in _TYPED if typed else self.name == "skip" or (self.name, self.value) in _STATED
+        if not known:
+            names = sorted({*_TYPED, *(key for key, _ in _STATED)})
+            raise ValueError(f"expected one of {names} or skip, with a value of theirs")
         return self
 
 

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from eal.arrays import Array
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, project
 from mocap.cleaning.by_hand import errors_left, with_hand
 from mocap.cleaning.cleaning import clean
+from mocap.desk.fills import fills
 from mocap.desk.label_qc import LABEL_QC, read_label_qc
 from mocap.desk.pictures import Pictures, drawn, ellipses, epipolar_lines, listed, pictures_of, snapped
 from mocap.desk.places import Place, places, unsettled
@@ -359,24 +359,21 @@ class Proof(Pictures):
     def around(self, frame: int, marker: int) -> dict[str, Any]:
         """A marker about a frame, in millimetres by coordinate: as it was tracked, and with the corrections since.
 
-        And a cubic spline through what was measured on both sides of the frame, over the run of frames that were not,
-        as a person would fill it by hand; that of a measured frame leaves the frame out.
+        And the frames about it that were not measured as a person would fill them by hand (``mocap.desk.fills``).
         """
         n = len(self.raw.t_s)
         rows = np.arange(max(0, frame - AROUND), min(n, frame + AROUND + 1))
-        measured = self.tracks.status[rows, marker] == Status.MEASURED
-        measured[rows == frame] = False
-        earlier, later = rows[measured & (rows < frame)], rows[measured & (rows > frame)]
-        now, spline = self.tracks.xyz_m[rows, marker], np.full((len(rows), 3), np.nan)
-        if min(len(earlier), len(later)) >= 2:
-            inside = (rows >= earlier[-1]) & (rows <= later[0])
-            spline[inside] = CubicSpline(self.raw.t_s[rows[measured]], now[measured])(self.raw.t_s[rows[inside]])
+        now, measured = self.tracks.xyz_m[rows], self.tracks.status[rows] == Status.MEASURED
+        at = frame - int(rows[0])
+        found = fills(self.raw.t_s[rows], now, measured, at, marker, self.raw.names, self.raw.skeleton)
 
         def each(xyz_m: Array) -> list[list[float | None]]:
             return [[None if np.isnan(x) else round(1e3 * float(x), 3) for x in one] for one in xyz_m.T]
 
         before = self.result.tracks.xyz_m[rows, marker]
-        return {"frames": rows.tolist(), "before": each(before), "after": each(now), "spline": each(spline)}
+        lines = {"after": now[:, marker], "spline": found.spline_m, "neighbours": found.neighbours_m}
+        told = {"frames": rows.tolist(), "before": each(before), "said": found.said}
+        return told | {name: each(line) for name, line in lines.items()}
 
     def potential(self, joint: str) -> bytes:
         """The map of a joint's potential, as a square PNG.

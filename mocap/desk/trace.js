@@ -1,13 +1,13 @@
-// a marker about the frame that is shown: as it was tracked, as corrections have it, and a spline over what was not measured
+// a marker about the frame that is shown: as it was tracked, as corrections have it, and what was not measured filled as by hand
 let traces = [];
-const TRACED = [["before", "tracked", [5, 4], 1.5], ["after", "corrected", undefined, 2], ["spline", "spline", [2, 3], 1.5]];
+const TRACED = [["before", "tracked", [5, 4], 1.5], ["after", "corrected", undefined, 2], ["spline", "spline", [2, 3], 1.5], ["neighbours", "neighbours", [6, 2, 2, 2], 2]];
 async function trace() {
   if (!$("trace").classList.contains("now") || !info || info.digitise) return;
   const c = await get(`around?frame=${frame}&marker=${marker}${ofTrial()}`);
   traces.forEach(t => t.destroy());
   const axis = { stroke: color("--text"), grid: { stroke: color("--line"), width: 1 }, ticks: { stroke: color("--line") }, font: "12px system-ui" };
-  const inks = [color("--quiet"), color("--mid"), color("--right")], wide = $("trace").clientWidth / 3 - 6;
-  $("trace").replaceChildren();
+  const inks = [color("--quiet"), color("--mid"), color("--right"), color("--left")], wide = $("trace").clientWidth / 3 - 6;
+  $("trace").replaceChildren(make("p", "Neighbours: " + c.said, { className: "quiet" }));
   traces = [0, 1, 2].map(k => new uPlot({
     title: `${info.names[marker]} ${"xyz"[k]} (mm)`, width: wide, height: 190, legend: { show: true, live: false }, scales: { x: { time: false } },
     series: [{}, ...TRACED.map(([, label, dash, width], i) => ({ label, dash, width, stroke: inks[i], points: { show: false } }))],

@@ -75,7 +75,7 @@ function table() {
   $("howmany").textContent = rows.length === trials.length ? `${trials.length} trial${trials.length === 1 ? "" : "s"}` : `${rows.length} of ${trials.length}`;
 }
 // a long name loses its middle: trials of one day begin alike
-function shortened(name) { return name.length > 21 ? name.slice(0, 7) + "…" + name.slice(-12) : name; }
+function shortened(name) { return name.length > 21 ? name.slice(0, 6) + "…" + name.slice(-12) : name; }
 function pickTrial(name) {
   const focused = document.activeElement && document.activeElement.className === "name";
   chosen = name; table(); details(); same("trials", trials.find(t => t.name === name).command);
@@ -103,6 +103,7 @@ function details() {
     await post("pass", t.name, { kind: kinds.value }); count("passed"); }) });
   $("actions").replaceChildren(look, bones, proof, stops, skip, pass, kinds);
   const found = audited[t.name];
+  $("alike").parentElement.hidden = !found || !found.some(f => f.mend.length);
   $("findings").replaceChildren(...found ? found.map(f => finding(t, f)) : wrongs(t).map(text => make("p", text)));
   if (!found && !wrongs(t).length) $("findings").append(make("p", t.status === "new" ? "Not tracked yet." : "Nothing is wrong.", { className: "quiet" }));
 }
@@ -110,8 +111,17 @@ function finding(t, f) {
   const p = make("p", ""), mark = make("b", (f.open ? "left open, " : "") + f.kind + ": ");
   if (f.alarm) mark.className = "alarm";
   p.append(mark, f.text + " ");
-  for (const m of f.mend) p.append(make("button", m.said, { className: "mend", onclick: () => queued(async () => {
-    await post("state", t.name, { name: m.name, value: m.value }); await overview(); await audit(t); }) }));
+  for (const m of f.mend) {
+    const typed = m.value === null && make("input", "", { className: "number", value: m.others || "" });
+    if (typed) { typed.setAttribute("aria-label", m.said); p.append(typed, " "); }
+    p.append(make("button", m.said, { className: "mend", onclick: () => queued(async () => {
+      const value = typed ? decimal(typed.value) : m.value;
+      // cameras are in another order in each trial
+      const those = $("alike").checked && m.name !== "tracks" ? trials.filter(one => one.status !== "skipped") : [t];
+      for (const one of those) await post("state", one.name, { name: m.name, value });
+      await overview(); await audit(t);
+      if (those.length > 1) $("said").textContent = `stated of ${those.length} trials: ${m.name} ${value}`; }) }));
+  }
   return p;
 }
 // what is found in the files of a trial, worst first, with what can be done

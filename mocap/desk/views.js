@@ -37,6 +37,12 @@ function whole(text) {
   if (!Number.isInteger(n)) throw `"${text}" is not the number of a frame`;
   return n;
 }
+// a number as people write it, also 99,5
+function decimal(text) {
+  const plain = text.trim().replace(",", "."), n = plain === "" ? NaN : Number(plain);
+  if (!(n > 0)) throw `"${text}" is not a number above zero`;
+  return n;
+}
 // a number to two digits, as people write it: 130, 13, 1.3
 const twoDigits = x => String(Number(x.toPrecision(2)));
 // whose pictures and numbers a page asks for

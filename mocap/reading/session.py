@@ -88,6 +88,7 @@ def facts_of(
         "rig": _rig(recording),
         "unit": recording.source.unit or recording.data.attrs.get("space_unit") or "",
         "stated": stated,
+        "samples": int(seen.sum()),
     }
     if not len(frames):
         return TrialFacts(**facts, seen=0.0)

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -80,6 +80,10 @@ ENDS = ("SIGINT", "SIGTERM", "SIGHUP")
 """Signals that end a page: Ctrl-C, ``kill``, a terminal that is closed. Those that are ignored (``nohup``) do not."""
 
 
+class _Ended(BaseException):
+    """Raised by a signal that comes before the page waits; no handler of errors takes it for one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Served:
     """A page that is served.
@@ -95,11 +99,24 @@ class Served:
     guard: Guard
     _end: threading.Event = field(default_factory=threading.Event)
     _why: list[str] = field(default_factory=list)
+    _waits: threading.Event = field(default_factory=threading.Event)
 
     def end(self, why: str) -> None:
         """End the page; of several reasons the first counts."""
         self._why.append(why)
         self._end.set()
+
+    @property
+    def why(self) -> str:
+        """Why it ended."""
+        return self._why[0]
+
+    def signalled(self, name: str) -> None:
+        """A signal ends the page; what is imported and opened before ``wait`` is given up, and the context ends."""
+        self.end(name)
+        if not self._waits.is_set():
+            self._waits.set()
+            raise _Ended
 
     def wait(self, *, idle_s: float | None = None, works: Callable[[], bool] = lambda: False) -> str:
         """Until its button, a signal, or the end of the server; the end of the process that started this one is none.
@@ -111,13 +128,14 @@ class Served:
         Returns:
             Why it ended.
         """
+        self._waits.set()
         # a signal that another thread gets, as a busy machine gives it, wakes no longer wait
         while not self._end.wait(timeout=0.2):
             if not self.thread.is_alive():
                 self.end("its server has ended")
             elif idle_s is not None and self.guard.idle_s() > idle_s and not works():
                 self.end(f"no request came for {idle_s:g} s")
-        return self._why[0]
+        return self.why
 
 
 @contextmanager
@@ -232,7 +250,7 @@ def served(app: ASGIApp, *, port: int = 0) -> Iterator[Served]:
                 time.sleep(0.01)
             site = Served(f"http://{host}/{token}/", thread, guard)
             button.pressed = lambda: site.end("its button End")
-            with _signals(site.end):
+            with _signals(site.signalled), suppress(_Ended):
                 yield site
         finally:
             server.should_exit = True

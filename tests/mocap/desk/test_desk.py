@@ -8,11 +8,12 @@ import subprocess
 import sys
 import textwrap
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import httpx2
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
@@ -334,6 +335,40 @@ def test_cameras_in_another_order_are_swapped_by_a_button(scene, tmp_path, drive
         assert [path.name for path in kept.paths] == ["a_xypts.csv", "b_xypts.csv", "c_xypts.csv"]
 
 
+def test_a_frame_rate_is_typed_for_all_trials(scene, tmp_path, driver):
+    """Where no file states it and no command did: as people write it, of one trial or, ticked, of all; else refused."""
+    for name in ("one", "two"):
+        shutil.copy(scene.folder / "flight_xypts.csv", tmp_path / f"{name}_xypts.csv")
+    stated = {"calibration": scene.folder / "calibration.toml"}
+    with (
+        opened_desk([str(tmp_path)], tmp_path / "out", options=OPTIONS, arguments=stated) as desk,
+        served(desk_page(desk)) as site,
+    ):
+        with client(site.address) as browser:
+            for name, value in (("fps", -1.0), ("fps", "fast"), ("fps", True), ("correct_lag", 1.0), ("unit", 1.0)):
+                answer = browser.told("state", {"name": name, "value": value}, trial="one")
+                assert answer.status_code == 400, (name, value)
+        driver.get(site.address)
+        until(driver, "document.body.dataset.ready === '1'")
+        for k, (typed, wanted) in enumerate((("100", [100.0, None]), ("99,5", [99.5, 99.5]))):
+            driver.execute_script(f"document.querySelectorAll('#rows .name')[{k}].click()")
+            driver.find_element("class name", "look").click()
+            until(driver, f"document.body.dataset.audits === '{2 * k + 1}'")
+            entry, button = (
+                driver.find_element("css selector", f"#findings input.number{more}") for more in ("", " + .mend")
+            )
+            entry.send_keys("fast")
+            button.click()
+            until(driver, "document.getElementById('said').textContent.includes('not a number above zero')")
+            if k:
+                driver.find_element("id", "alike").click()
+            entry.clear()
+            entry.send_keys(typed)
+            button.click()
+            until(driver, f"document.body.dataset.audits === '{2 * k + 2}'")
+            assert [trial.arguments.get("fps") for trial in read_manifest(desk.manifest)] == wanted
+
+
 def test_what_a_refusal_names_has_a_button(worked, monkeypatch):
     """Cameras that start apart are refused, as reading has it: the desk offers what mends the error."""
     _, browser = worked
@@ -561,11 +596,20 @@ def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
     assert kept == 9
 
 
+def _group(number):
+    """The processes of a group that have not ended."""
+    for one in psutil.process_iter(["status"]):
+        with suppress(ProcessLookupError):
+            if one.info["status"] != psutil.STATUS_ZOMBIE and os.getpgid(one.pid) == number:
+                yield one.pid
+
+
 @pytest.mark.rare
 @pytest.mark.skipif(os.name != "posix", reason="a terminal's Ctrl-C reaches a group of processes")
 @pytest.mark.parametrize("after_s", [0.0, 1.0, 3.0])
-def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path, after_s):
-    """Ctrl-C reaches the processes that import and read, too; all end with one line."""
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path, after_s, name):
+    """Ctrl-C reaches the processes that import and read, too, ``kill`` the command alone: one line, nothing is left."""
     words = ["desk", str(scene.folder), "--calibration", str(scene.folder / "calibration.toml"), "--fps", str(FPS)]
     script = (
         f"import sys; from mocap.cli.main import main; sys.argv = {['mocap', *words, '--out', str(tmp_path)]}; main()"
@@ -582,8 +626,10 @@ def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path,
         assert run.stdout is not None
         assert run.stdout.readline().startswith("The desk is at ")
         time.sleep(after_s)
-        os.killpg(run.pid, signal.SIGINT)
-        said = run.stdout.read()
+        (os.killpg if name == "SIGINT" else os.kill)(run.pid, getattr(signal, name))
+        said = run.stdout.read()  # to its end: no process holds it any more
         assert run.wait() == 0
     assert "Traceback" not in said
-    assert said.splitlines()[-1].startswith("The desk ended (SIGINT)")
+    assert said.splitlines()[-1].startswith(f"The desk ended ({name})")
+    assert not list(_group(run.pid))
+    assert not [path for path in tmp_path.rglob("*") if path.is_file() and path.name != "manifest.csv"]

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 from mocap.batches.one import track_trial
@@ -65,7 +66,15 @@ def pictured(driver, name):
 
 def keyed(driver, *keys):
     """Keys to whatever has the focus."""
-    driver.switch_to.active_element.send_keys(*keys)
+    does = ActionChains(driver)  # as a keyboard does, which asks no element whether it is seen
+    for key in keys:
+        if key == Keys.CONTROL:
+            does.key_down(key)
+        elif key == Keys.NULL:
+            does.key_up(Keys.CONTROL)
+        else:
+            does.send_keys(key)
+    does.perform()
 
 
 def tab_to(driver, wanted, most=120):

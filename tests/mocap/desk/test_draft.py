@@ -63,6 +63,18 @@ def test_names_are_followed_by_all_that_uses_them(draft):
     assert found.trunk == ("snout", "b")
 
 
+def test_joints_that_are_called_as_their_points_follow_them(draft):
+    """Also those of two points, as they are proposed, and their axes; one that has a name of its own keeps it."""
+    joints = {"b": (0, 1, 2), "b_c": (0, 1, 2), "knee": (1, 2, 3), "c": (1, 2, 3), "d": (2, 3, 4)}
+    draft.save(draft.changed(**drawn(draft, joints=joints)))
+    names = ["a", "elbow", "wrist", "c", "x", ""]
+    draft.save(draft.changed(**drawn(draft, names=names)))
+    found = read_skeleton(draft.path)
+    assert [joint.name for joint in found.joints] == ["elbow", "elbow_wrist", "knee", "wrist", "d"]
+    assert [joint.centre for joint in found.joints] == ["elbow", "elbow", "wrist", "wrist", "c"]
+    assert list(found.measures.axes) == ["elbow"]
+
+
 def test_axes_go_with_their_joint(draft):
     """A joint that is no longer ticked: its axes would be of nothing, and the file of nobody."""
     draft.save(draft.changed(**drawn(draft, joints={"d": (1, 2, 3)})))

@@ -8,6 +8,7 @@ import socket
 import stat
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -237,8 +238,8 @@ from mocap.web.server import Behind, forwarded, served
 from mocap.web.tasks import page
 with served(page([Route("/", lambda _: PlainTextResponse("whole"))])) as site:
     print(site.address, os.getpid(), file=sys.stderr, flush=True)
-    why = site.wait(idle_s=float(sys.argv[1]) if len(sys.argv) > 1 else None)
-    print("ended:", why, file=sys.stderr, flush=True)
+    site.wait(idle_s=float(sys.argv[1]) if len(sys.argv) > 1 else None)
+print("ended:", site.why, file=sys.stderr, flush=True)
 """
 PARENT = "import subprocess, sys; subprocess.call([sys.executable, '-c', sys.argv[1]])"
 
@@ -298,6 +299,24 @@ def test_a_signal_ends_the_page_unless_it_is_ignored(name):
         finally:
             process.kill()
             process.communicate(timeout=60)
+
+
+@pytest.mark.parametrize("ends", ["SIGTERM", "its button End"])
+def test_a_signal_gives_up_what_the_page_is_prepared_with(ends):
+    """What is imported before the page waits is not gone on with; the button, which no signal is, waits for it."""
+    prepared = "import time\nfor _ in range(20):\n    time.sleep(0.1)\nprint('prepared', file=sys.stderr)\n"
+    script = CHILD.replace("    site.wait(", textwrap.indent(prepared, "    ") + "    site.wait(")
+    process, address = started(script)
+    try:
+        if ends == "SIGTERM":
+            process.terminate()
+        else:
+            httpx2.post(address + "end", headers={"Origin": address.rsplit("/", 2)[0]})
+        assert process.wait(60) == 0
+        assert process.stderr.read() == ("" if ends == "SIGTERM" else "prepared\n") + f"ended: {ends}\n"
+    finally:
+        process.kill()
+        process.communicate(timeout=60)
 
 
 def test_the_button_ends_the_page():

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from eal.arrays import Array
-from mocap.cameras.triangulate import linear, linearise, project, refine, residual_px
+from mocap.cameras.triangulate import linear, linearise, project, refine
 
 Mask = NDArray[np.bool_]
 
@@ -24,8 +23,6 @@ SHARES = np.array([0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8
 FAR = 6.0
 """A click is wrong if it misses by more than so many of the deviations that surer clicks have: of
 normal errors in two coordinates exp(-18), one in 66 million."""
-HALF_IN_TWO, HALF_IN_ONE = float(np.sqrt(2 * np.log(2))), float(ndtri(0.75))
-"""Medians of the lengths of normal errors in two coordinates and in one, in standard deviations."""
 WORTHLESS = 1 / 3
 """Likelihoods at which a larger share of the clicks is wrong are not believed. Chosen: of three flights it refuses
 those below 0.49 to 0.55, where people chose 0.475 (docs/experiments/arena.md)."""
@@ -77,9 +74,6 @@ def likelihood_noise(matrices: Array, uv_px: Array, likelihood: Array) -> Likeli
     I + J C J^T, and d^2 = r^T (I + J C J^T)^-1 r is 2 ln 2 s^2 in the median for normal errors of deviation s. Over
     ranges of likelihood s and the share of wrong clicks are made monotone (isotonic regression: Barlow et al. 1972).
 
-    Of two cameras each predicts one coordinate of the other's clicks, across the epipolar line. A miss there is of both
-    clicks: of deviations s and s0 it has the variance (s^2 + s0^2) / 2.
-
     Args:
         matrices: (C, 3, 4) projections.
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
@@ -89,32 +83,26 @@ def likelihood_noise(matrices: Array, uv_px: Array, likelihood: Array) -> Likeli
         What was learned; None where fewer than 2 ``FEWEST`` clicks can be compared, or likelihoods do not vary.
     """
     finite = np.isfinite(uv_px[..., 0]) & np.isfinite(likelihood)
-    show = finite.any(axis=(1, 2))
-    if show.sum() < 2:
+    if len(matrices) < 3 or not finite.any():
         return None
-    matrices, uv_px, likelihood, finite = (of[show] for of in (matrices, uv_px, likelihood, finite))
-    pair = len(matrices) == 2
-    half = HALF_IN_ONE if pair else HALF_IN_TWO
     middle = float(np.median(likelihood[finite]))
-    sure = finite & (likelihood >= middle)
-    miss = _misses_of_two(matrices, uv_px, sure) if pair else _misses(matrices, uv_px, sure)
+    miss = _misses(matrices, uv_px, finite & (likelihood >= middle))
     tested = finite & np.isfinite(miss)
     if np.count_nonzero(tested) < 2 * FEWEST or np.ptp(likelihood[tested]) == 0:
         return None
     value, off = likelihood[tested], miss[tested]
-    usual = value >= middle
-    reference = _scale(off[usual] if np.count_nonzero(usual) >= FEWEST else off, half)
+    reference = _scale(off[value >= middle]) if np.count_nonzero(value >= middle) >= FEWEST else _scale(off)
     parts = _ranges(value, np.quantile(likelihood[finite], SHARES))
     count = np.array([len(part) for part in parts], dtype=np.float64)
     at = np.array([value[part].mean() for part in parts])
-    ratio = np.exp(_falling(np.log([_scale(off[part], half) / reference for part in parts]), count))
-    if pair:
-        ratio = np.sqrt(np.maximum(2 * ratio**2 - 1, 1.0))
+    scale = np.exp(_falling(np.log([_scale(off[part]) for part in parts]), count))
     wrong = _falling(np.array([np.mean(off[part] > FAR * reference) for part in parts]), count)
     worthless = np.flatnonzero(wrong > WORTHLESS)
     last = worthless[-1] if len(worthless) else -1
     least = 0.0 if last < 0 else float(value[parts[last]].max())
-    return LikelihoodNoise(at=at, factor=np.clip(ratio, 1.0, 10.0), wrong=wrong, least=least, scale_px=reference)
+    return LikelihoodNoise(
+        at=at, factor=np.clip(scale / reference, 1.0, 10.0), wrong=wrong, least=least, scale_px=reference
+    )
 
 
 def _misses(matrices: Array, uv_px: Array, sure: Mask) -> Array:
@@ -138,15 +126,9 @@ def _misses(matrices: Array, uv_px: Array, sure: Mask) -> Array:
     return out
 
 
-def _misses_of_two(matrices: Array, uv_px: Array, sure: Mask) -> Array:
-    """(2, T, M) how clicks miss the epipolar lines of the sure ones of the other camera."""
-    miss = residual_px(matrices, uv_px, linear(matrices, uv_px))
-    return np.where(sure[::-1], miss, np.nan)
-
-
-def _scale(miss: Array, half: float) -> float:
-    """Standard deviation of a coordinate from the median of lengths, which is ``half`` of it."""
-    return max(float(np.median(miss)) / half, 1e-9)
+def _scale(miss: Array) -> float:
+    """Standard deviation of a coordinate from the median of lengths in two dimensions."""
+    return max(float(np.median(miss)) / float(np.sqrt(2 * np.log(2))), 1e-9)
 
 
 def _ranges(value: Array, edges: Array) -> list[NDArray[np.int64]]:

@@ -93,9 +93,9 @@ def jerk_density(xyz_m: Array, variance_m2: Array, *, reach: int = 8) -> Array:
     if len(xyz_m) < 4:
         return out
     square = np.sum(np.diff(xyz_m, n=3, axis=0) ** 2, axis=2)
-    pad = np.full((reach, xyz_m.shape[1]), np.nan)
+    pad, none = (np.full((n, xyz_m.shape[1]), np.nan) for n in (reach, 2))
     # the third difference at i is about frame i + 1.5
-    rows = np.concatenate([pad, square[:1] * np.nan, square, square[:2] * np.nan, pad])
+    rows = np.concatenate([pad, none[:1], square, none, pad])
     near = np.lib.stride_tricks.sliding_window_view(rows, 2 * reach + 1, axis=0)
     noise = np.concatenate([pad, variance_m2, pad])
     noise = np.lib.stride_tricks.sliding_window_view(noise, 2 * reach + 1, axis=0)

@@ -16,6 +16,12 @@ def random_state(n):
     return State(x, root @ np.swapaxes(root, 1, 2) + 9 * np.eye(9))
 
 
+def test_four_frames_have_one_difference():
+    """Which tells too little: every frame has the greatest there is, which is none."""
+    xyz = np.random.default_rng(0).normal(size=(4, 2, 3))
+    assert np.isnan(jerk_density(xyz, np.ones((4, 2)))).all()
+
+
 def test_prediction_and_update_are_filterpys():
     """A position that is observed with noise R, by the posterior of the position alone and by filterpy's update."""
     state, density = random_state(3), np.array([0.1, 1.0, 2.0])

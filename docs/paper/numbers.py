@@ -12,8 +12,8 @@ METHODS = {
     "conditional_gaussian": "conditional Gaussian (regression on the other markers)",
     "principal_components": "principal components of all poses",
     "chains": "directions of bones through splines",
-    "linear": "straight line",
     "constant_velocity": "Kalman smoother, constant velocity",
+    "linear": "straight line",
     "cubic": "cubic spline",
 }
 
@@ -59,6 +59,9 @@ def draw(demo: Path, out: Path) -> None:
     left.legend(fontsize=7, ncols=2, loc="upper center")
     result.potential("wrist_l").plot(ax=right)
     right.set_title("b")
+    right.set_xlabel("")  # its legend is the paper's caption
+    for text in right.texts:
+        text.set_fontsize(6)
     bars = [bar for shown in (*right.collections, *right.images) if (bar := shown.colorbar) is not None]
     for bar in bars:
         bar.set_label("joint potential $V_z$")

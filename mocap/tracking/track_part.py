@@ -79,8 +79,8 @@ def track_part(
     recording, part, reason, learned = _prepared(source, model, learned, stages)
     posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(recording):
-        with stages.stage("check points of two rays"):
-            recording = without_contradicted(recording, learned)
+        with stages.stage("check points of two rays") as progress:
+            recording = without_contradicted(recording, learned, progress=progress)
             part = seen_part(recording)
     mixing = learned is None and posed and model not in NAMED
     single = each_alone(part)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.efforts import Progress, shares
 from mocap.cleaning import sentences
 from mocap.cleaning.cleaned import Cleaned, written
 from mocap.filters.hidden_gaps import EACH_MARKER
@@ -34,6 +35,11 @@ Chosen, not measured."""
 WRONG_CAMERA = 2 * np.log(33)
 """A camera is taken to be wrong if the mean squared distance of its rays is larger by so much: in one frame the other
 marker would be 33 times less likely, and all frames count as one, for the filter errs alike in them."""
+
+PASSES = 1.0, 3.0, 2.0, 1.0
+"""Time of what is learned, of rounds of rays, of points and of rays again, beside each other. Chosen; not measured."""
+ROUNDS = 2.0, 1.0, 1.0
+"""Time of at most so many rounds: later ones are often not needed."""
 
 Mask = NDArray[np.bool_]
 
@@ -100,7 +106,9 @@ def _many(recording: Recording) -> bool:
     return bool(unconfirmed(recording).sum() > 0.05 * np.isfinite(recording.xyz_m[..., 0]).sum())
 
 
-def without_contradicted(recording: Recording, learned: LearnedModel | None = None) -> Recording:
+def without_contradicted(
+    recording: Recording, learned: LearnedModel | None = None, *, progress: Progress | None = None
+) -> Recording:
     """The recording without what the pose filter contradicts where two cameras alone see a marker.
 
     First rays of cameras that are wrong for a run of frames, then single points, then rays again, where points were.
@@ -108,13 +116,17 @@ def without_contradicted(recording: Recording, learned: LearnedModel | None = No
     Args:
         recording: The recording.
         learned: A model of other trials; None: one is learned from this one.
+        progress: Called with the share done, at most: passes that are not needed are left out.
     """
     part = seen_part(recording)
+    first, *rest = shares(progress, PASSES)
     pose = _pose(part, learned)
-    checked = _without_wrong_rays(part, pose, learned)
+    if first is not None:
+        first(1.0)
+    checked = _without_wrong_rays(part, pose, learned, rest[0])
     if not disagreements(part) or _many(part):  # else few points of two rays are not worth the pass
-        further = _without_wrong_points(checked, pose, learned)
-        checked = checked if further is checked else _without_wrong_rays(further, pose, learned)
+        further = _without_wrong_points(checked, pose, learned, rest[1])
+        checked = checked if further is checked else _without_wrong_rays(further, pose, learned, rest[2])
     points, rays = np.zeros(recording.xyz_m.shape[:2], dtype=bool), np.zeros(recording.uv_px.shape[:3], dtype=bool)
     frames, markers = recording.place(part)
     points[frames][:, markers] = np.isfinite(part.xyz_m[..., 0]) & np.isnan(checked.xyz_m[..., 0])
@@ -122,7 +134,9 @@ def without_contradicted(recording: Recording, learned: LearnedModel | None = No
     return _without(recording, points, rays).with_part(replace(recording[Cleaned], told=checked[Cleaned].told))
 
 
-def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: LearnedModel | None) -> Recording:
+def _without_wrong_points(
+    recording: Recording, pose: PoseSettings, learned: LearnedModel | None, progress: Progress | None
+) -> Recording:
     """The recording without points of two rays that the pose filter contradicts; one of their rays may be right.
 
     The filter has not learned from such points, and is given at most one ray of each, the one that is nearer to its
@@ -136,7 +150,7 @@ def _without_wrong_points(recording: Recording, pose: PoseSettings, learned: Lea
     doubted = recording.having(position=np.where(points[..., None], np.nan, recording.xyz_m))
     if not points.any() or not _can_expect(doubted, learned):
         return recording
-    xyz, cov = _expected(doubted, pose, _trials(doubted, learned))
+    xyz, cov = _expected(doubted, pose, _trials(doubted, learned), progress=progress)
     far = points & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=points) > CONTRADICTED)
     if far.any():
         away_m = np.where(far, np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.nan)
@@ -177,13 +191,15 @@ def continuing(recording: Recording, doubtful: Mask, away_m: Array) -> Mask:
     return out
 
 
-def _without_wrong_rays(recording: Recording, pose: PoseSettings, learned: LearnedModel | None) -> Recording:
+def _without_wrong_rays(
+    recording: Recording, pose: PoseSettings, learned: LearnedModel | None, progress: Progress | None
+) -> Recording:
     """The recording without the rays of cameras that are wrong for a run of frames, and the points that they made.
 
     The filter is given neither ray of such a run, and has not learned from their points.
     """
     checked, wrong, trials = recording, np.zeros(recording.uv_px.shape[:3], dtype=bool), None
-    for _ in range(3):
+    for tell in shares(progress, ROUNDS):
         runs, hidden = disagreements(checked, wrong), np.zeros(wrong.shape[1:], dtype=bool)
         for run in runs:
             hidden[run.frames, run.marker] = True
@@ -191,7 +207,7 @@ def _without_wrong_rays(recording: Recording, pose: PoseSettings, learned: Learn
         if not runs or not _can_expect(doubted, learned):
             break
         trials = _trials(doubted, learned, trials)  # a round that doubts no more points learns from the same
-        more = _wrong_rays(checked, runs, *_expected(doubted, pose, trials, hidden=hidden))
+        more = _wrong_rays(checked, runs, *_expected(doubted, pose, trials, hidden=hidden, progress=tell))
         if not more.any():
             break
         wrong |= more
@@ -233,10 +249,15 @@ def _can_expect(recording: Recording, learned: LearnedModel | None) -> bool:
 
 
 def _expected(
-    recording: Recording, pose: PoseSettings, trials: TrialSet, *, hidden: Mask | None = None
+    recording: Recording,
+    pose: PoseSettings,
+    trials: TrialSet,
+    *,
+    hidden: Mask | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Array, Array]:
     """Where the pose filter expects markers: (T, M, 3) and its (T, M, 3, 3) covariance; NaN where it says nothing."""
-    smoothed = track(recording, pose.fit(trials), hidden=hidden)
+    smoothed = track(recording, pose.fit(trials), hidden=hidden, progress=progress)
     return smoothed.xyz_m, smoothed.cov_m2
 
 

@@ -71,7 +71,10 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     asked = unconfirmed(one)
     assert asked[FRAMES, wrong].mean() > 0.9
     assert asked[FRAMES, right].mean() > 0.9
-    checked = without_contradicted(one)
+    said = []
+    checked = without_contradicted(one, progress=said.append)
+    assert said == sorted(said)
+    assert len(set(said)) > len(one.t_s)  # a frame at a time, not a pass
     assert (checked.rejected["contradicted"][FRAMES, wrong] == asked[FRAMES, wrong]).all()
     assert checked.rejected["contradicted"][FRAMES, right].sum() <= 2
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()

@@ -58,6 +58,7 @@ def measured_demo(
             calibration=files["coefficients"],
             profile=files["profile"],
             skeleton=files["skeleton"],
+            unit="m",
         )
         run, prepared = run_job(source, model="mixture", stages=stages, validated=False)
     part = seen_part(prepared)

@@ -200,9 +200,10 @@ def bench():
 
 
 def pictures():
-    """Pictures of the viewer for the pages."""
+    """Pictures of the viewer and the desk for the pages."""
     setup()
-    module("docs.tools.view_pictures", "docs/pictures")
+    for name in ("view_pictures", "desk_pictures"):
+        module(f"docs.tools.{name}", "docs/pictures")
 
 
 def licences():

@@ -1,5 +1,5 @@
 // quantities over time and the potential of a joint; this file owns which are shown, and their zoom
-let curves = {}, shownQuantities = [], charts = [], way = null, extent = null;
+let curves = {}, shownQuantities = [], plotted = [], charts = [], way = null, extent = null;
 const SIDE = { left: "--left", right: "--right", trunk: "--mid" };
 const KINDS = { joint: "Joints", stroke: "Strokes", body: "Body", length: "Lengths", area: "Areas", mass: "Centres of mass", marker: "Speeds of markers" };
 const color = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -38,8 +38,10 @@ async function angles() {
   choices(); await plot();
 }
 async function plot() {
-  await Promise.all(shownQuantities.filter(n => !curves[n]).map(async n => { curves[n] = await get("curve?name=" + encodeURIComponent(n) + ofTrial()); }));
-  const all = shownQuantities.map(n => ({ ...info.quantities.find(q => q.name === n), ...curves[n] })), was = $("cycle").value;
+  const names = [...shownQuantities]; // others may be ticked while these come
+  await Promise.all(names.filter(n => !curves[n]).map(async n => { curves[n] = await get("curve?name=" + encodeURIComponent(n) + ofTrial()); }));
+  plotted = names;
+  const all = names.map(n => ({ ...info.quantities.find(q => q.name === n), ...curves[n] })), was = $("cycle").value;
   const of = [...new Set(all.flatMap(c => Object.keys(c.cycles)))];
   $("cycle").replaceChildren(make("option", "no cycles", { value: "" }), ...of.map(n => make("option", n, { value: n })));
   $("cycle").value = of.includes(was) ? was : of[0] || ""; $("cycle").disabled = !of.length; doubtable(all[0]);
@@ -50,7 +52,7 @@ async function plot() {
   const whole = known.length ? [Math.min(...known), Math.max(...known)] : [0, 1];
   const units = [...new Set(all.map(c => c.unit))], high = Math.max(180, ($("plots").clientHeight - 60) / units.length - 70);
   charts = units.map(unit => chart(all.filter(c => c.unit === unit), unit, extent || whole, whole, high));
-  document.body.dataset.curve = shownQuantities[0];
+  document.body.dataset.curve = names[0];
 }
 function chart(all, unit, shownRange, whole, height) {
   const series = [{ label: "s" }], data = [all[0].seconds], bands = [];
@@ -91,7 +93,7 @@ function zoomed(u, whole) {
 }
 // cycles, every other one shaded, numbered
 function beats(u) {
-  const c = curves[shownQuantities[0]], g = u.ctx, box = u.bbox;
+  const c = curves[plotted[0]], g = u.ctx, box = u.bbox;
   g.save(); g.fillStyle = color("--quiet"); g.font = `${12 * devicePixelRatio}px system-ui`; g.textAlign = "center"; g.textBaseline = "top";
   (c.cycles[$("cycle").value] || []).forEach((ends, i) => {
     const [a, b] = ends.map(s => u.valToPos(s, "x", true));
@@ -106,7 +108,7 @@ function beats(u) {
 }
 // to the next beat after this frame that is not counted, and why it is not
 function doubt() {
-  const c = curves[shownQuantities[0]], of = $("cycle").value, all = c && c.doubtful[of];
+  const c = curves[plotted[0]], of = $("cycle").value, all = c && c.doubtful[of];
   if (!all || !Object.keys(all).length) return;
   const starts = Object.keys(all).map(i => [...c.cycles[of][i], all[i], Number(i)]), here = timeOf(c);
   const [a, b, why, i] = starts.find(([from]) => from > here + 1e-9) || starts[0];
@@ -118,12 +120,12 @@ function doubt() {
 // the frame that images and scene show
 const timeOf = c => { const i = c.frames.findIndex(f => f >= frame); return c.seconds[i < 0 ? c.seconds.length - 1 : i]; };
 function now(u) {
-  const x = u.valToPos(timeOf(curves[shownQuantities[0]]), "x", true), g = u.ctx, box = u.bbox;
+  const x = u.valToPos(timeOf(curves[plotted[0]]), "x", true), g = u.ctx, box = u.bbox;
   if (x < box.left || x > box.left + box.width) return;
   g.save(); g.strokeStyle = color("--bad"); g.lineWidth = 2 * devicePixelRatio; g.beginPath(); g.moveTo(x, box.top); g.lineTo(x, box.top + box.height); g.stroke(); g.restore();
 }
 function toTime(seconds) {
-  const c = curves[shownQuantities[0]];
+  const c = curves[plotted[0]];
   let best = 0;
   c.seconds.forEach((s, i) => { if (Math.abs(s - seconds) < Math.abs(c.seconds[best] - seconds)) best = i; });
   queued(async () => { await show(c.frames[best]); atFrame(); count("pointed"); });
@@ -157,7 +159,7 @@ function doubtable(c) {
   const n = c ? Object.keys(c.doubtful[$("cycle").value] || {}).length : 0;
   $("doubt").disabled = !n; $("doubt").textContent = n ? `Next doubtful beat (d), of ${n}` : "No doubtful beat";
 }
-$("cycle").onchange = () => { doubtable(curves[shownQuantities[0]]); charts.forEach(c => c.redraw()); };
+$("cycle").onchange = () => { doubtable(curves[plotted[0]]); charts.forEach(c => c.redraw()); };
 $("doubt").onclick = doubt;
 $("joint").onchange = e => queued(() => potential(e.target.value));
 $("all").onclick = () => { extent = null; queued(plot); };

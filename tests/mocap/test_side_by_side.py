@@ -53,12 +53,14 @@ def refuses(*, progress=None):  # noqa: ARG001
 
 
 def test_calls_keep_their_order_and_leave_this_process():
+    """Five on two processes take as long as three: with one or two of them ended a third of the time is over."""
     told: list[float] = []
     with mocap.processes(2):
         found = call_all([partial(square, x) for x in range(5)], told.append)
     assert [value for value, _ in found] == [0, 1, 4, 9, 16]
     assert HERE not in {process for _, process in found}
-    assert told == [0.2, 0.4, 0.6, 0.8, 1.0]
+    assert told == sorted(told)
+    assert sorted(set(told)) == pytest.approx([1 / 3, 2 / 3, 1.0])
     told.clear()
     assert {process for _, process in call_all([partial(square, x) for x in range(2)], told.append)} == {HERE}
     assert told == [0.5, 1.0]

@@ -15,10 +15,12 @@ import numpy as np
 import pandas as pd
 import psutil
 import pytest
+from PIL import Image
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 import mocap
+from docs.tools.desk_pictures import rooms, save
 from mocap.batches.one import track_trial
 from mocap.batches.trial import Options, Trial, read_manifest, write_manifest
 from mocap.desk.desk import opened_desk
@@ -472,6 +474,11 @@ def test_a_person_sees_angles_and_goes_to_a_frame(worked, driver):
     until(driver, "document.body.dataset.pointed === '1'")
     low, high = driver.execute_script("return [charts[0].scales.x.min, charts[0].scales.x.max]")
     assert abs(driver.execute_script("return frame") - FPS * (low + high) / 2) <= 2
+    # ticked while another curve is on its way, as by a quick hand
+    driver.execute_script("""delete curves[shownQuantities[0]]; queued(plot);
+        setTimeout(() => document.querySelector("#quantities input:not(:checked)").click(), 0);""")
+    until(driver, "charts.length && plotted.length > 1 && plotted.length === shownQuantities.length")
+    assert "Error" not in driver.execute_script("return $('said').textContent")
     driver.execute_script("""const c = curves[shownQuantities[0]], t = c.seconds;
         c.cycles = { wing: [[t[1], t[3]], [t[3], t[5]], [t[5], t[7]]] }; c.doubtful = { wing: { 1: "not seen" } };
         queued(async () => { await plot(); count("given"); });""")
@@ -489,6 +496,19 @@ def test_a_person_sees_angles_and_goes_to_a_frame(worked, driver):
     until(driver, "document.body.dataset.traced === `4 ${marker}`")
     driver.find_element("tag name", "body").send_keys("c")
     until(driver, "!$('trace').clientHeight")
+
+
+def test_the_pictures_of_the_page_are_taken(worked, driver, tmp_path):
+    """As ``make pictures`` takes them: each room in the window's size, and none says that something went wrong."""
+    _, browser = worked
+    taken = []
+    for room, picture in rooms(driver, str(browser.base_url), angle="wrist flexion"):
+        assert "Error" not in driver.execute_script("return $('said').textContent")
+        taken.append(room)
+        with Image.open(save(picture, tmp_path / f"{room}.png")) as found:
+            assert found.size == (1280, 800)
+            assert len(found.getcolors()) > 20
+    assert taken == ["trials", "proof", "angles"]
 
 
 def test_measures_are_ticked_and_points_clicked_in_a_picture(worked, driver):

@@ -17,7 +17,9 @@ from docs import build
 from eal.efforts import in_turn, shares, shares_beside, time_of, with_effort
 from mocap.batches import run as batches
 from mocap.batches.find import find_trials
-from mocap.batches.time_left import time_left, told_whole
+from mocap.batches.one import track_trial
+from mocap.batches.time_left import SECONDS, time_left, told_whole
+from mocap.batches.time_left import TRACKED as TRACKED_STAGE
 from mocap.cli import design_joint
 from mocap.cli.main import app
 from mocap.progress import Stages, as_one, left_s, lines
@@ -308,6 +310,19 @@ def test_a_batch_says_what_is_left_within_a_third(workers):
     assert len(said) > 0.9 * len(found)
     right = [left == pytest.approx(true, rel=1 / 3, abs=0.05 * whole) for left, true, whole in said]
     assert sum(right) > 0.7 * len(right)
+
+
+def test_the_stages_that_are_weighed_are_those_of_a_run(tmp_path):
+    """Of a flight of which two of three cameras see six markers: none is called otherwise, none is weighed in vain."""
+    film = make_bat(n_frames=60, n_cameras=3)
+    uv = film.pixels.uv_px.copy()
+    uv[2, :, :6] = float("nan")
+    files = write_recording(replace(film, pixels=replace(film.pixels, uv_px=uv)), tmp_path)
+    stated = {"calibration": files["coefficients"], "skeleton": files["skeleton"], "fps": film.fps, "unit": "m"}
+    (found,) = find_trials([str(files["pixels"])], arguments=stated, out=tmp_path / "out")
+    said = []
+    track_trial(found, batches.Options(validate=False), tmp_path / "out", progress=lambda stage, _: said.append(stage))
+    assert {TRACKED_STAGE if stage.startswith(TRACKED_STAGE) else stage for stage in said} == SECONDS.keys()
 
 
 def test_a_trial_that_is_tracked_twice_does_not_go_back():

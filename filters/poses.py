@@ -104,6 +104,7 @@ class Shapes:
         offset: (G, 3M) what each trial adds to the mean pose.
         offset_sd: (G, 3M) how uncertain that is.
         residual: (T, 3M) what the subspace leaves of each pose; NaN where not seen.
+        ranks: Ranks that predict hidden samples within 5 % of the best; the subspace is of the first.
     """
 
     subspace: PoseSubspace
@@ -114,6 +115,7 @@ class Shapes:
     offset: Array
     offset_sd: Array
     residual: list[Array]
+    ranks: tuple[int, ...]
 
 
 def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
@@ -129,7 +131,8 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
     y = np.concatenate([trial.y for trial in trials])
     block = max(3, round(0.05 / dt_s))
     sd = np.concatenate([trial.sd_m for trial in trials])
-    subspace, found, z = fit_subspace(y, ranks=ranks, block=block, rng=np.random.default_rng(0), trial=member, sd=sd)
+    rng = np.random.default_rng(0)
+    subspace, found, z, good = fit_subspace(y, ranks=ranks, block=block, rng=rng, trial=member, sd=sd)
     cuts = np.cumsum(lengths)[:-1]
     smooth = [
         smooth_series(part, np.ones(len(part)), dt_s=dt_s, cutoff_hz=fastest_hz(dt_s)) for part in np.split(z, cuts)
@@ -147,6 +150,7 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
         offset=found.trial_offset,
         offset_sd=1 / np.sqrt(precision),
         residual=np.split(left, cuts),
+        ranks=good,
     )
 
 

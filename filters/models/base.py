@@ -74,7 +74,8 @@ class TrialSet:
     def shapes(self, ranks: tuple[int, ...]) -> tuple[list[PoseTrial], Shapes]:
         """Poses, and their shapes in a subspace of one of the ranks."""
         if ranks not in self._shapes:
-            self._shapes[ranks] = shapes_of(self.poses, ranks=ranks)
+            self._shapes[ranks] = found = shapes_of(self.poses, ranks=ranks)
+            self._shapes[found.ranks[:1]] = found
         return self.poses, self._shapes[ranks]
 
     @cached_property

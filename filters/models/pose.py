@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy
@@ -119,15 +119,23 @@ class PoseSettings(TrajectoryModel):
         return Pull(potential=potential, stiffness=stiffness)
 
     def tuned(self, trials: TrialSet) -> "PoseSettings":
-        """With the covariance of its regression, and the likeliest process noise."""
-        law = Delayed(*trials.shapes(self.ranks)).covariance().logarithms if self.regression else np.zeros(0)
-        covariance = tuple(law.tolist())
-        return replace(self, covariance=covariance, process_noise=likely_noise(self._learned(trials), trials))
+        """With one rank, the covariance of its regression, and the likeliest process noise.
+
+        Of ranks that predict hidden samples alike that one under which the last trial's positions are likeliest: too
+        few shapes leave motion to residuals, which are rougher than it, and state velocities 1.6 times too uncertain
+        (docs/experiments/roughness_of_recordings.md).
+        """
+        each = [replace(self, ranks=(rank,)) for rank in trials.shapes(self.ranks)[1].ranks]
+        judged = [likely_noise(one._learned(trials), trials) for one in each]
+        best = max(range(len(each)), key=lambda i: judged[i].log_likelihood)
+        settings = each[best]
+        law = Delayed(*trials.shapes(settings.ranks)).covariance().logarithms if self.regression else np.zeros(0)
+        return replace(settings, covariance=tuple(law.tolist()), process_noise=judged[best].factor)
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn subspace, mechanics and potential from all trials, for the last one."""
         model = self._learned(trials)
-        model = with_noise(model, self.process_noise or likely_noise(model, trials))
+        model = with_noise(model, self.process_noise or likely_noise(model, trials).factor)
         many = len(model.subspace.mean) > 3 * MOST_MARKERS
         whole, t_s = replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s
         return FittedGroups(whole, t_s, trials.rigid) if many else FittedMotion(whole, t_s, trials.rigid)
@@ -238,7 +246,19 @@ def with_noise(model: PoseMotion, factor: float) -> PoseMotion:
     return replace(model, mechanics=replace(mechanics, density=np.sqrt(factor) * mechanics.density))
 
 
-def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
+class Judged(NamedTuple):
+    """A factor on the process noise of the shape.
+
+    Attributes:
+        factor: The likeliest.
+        log_likelihood: Of positions in the frames that judge it, under the likeliest power of 4.
+    """
+
+    factor: float
+    log_likelihood: float
+
+
+def likely_noise(model: PoseMotion, trials: TrialSet) -> Judged:
     """The factor on the process noise of the shape under which the last trial's positions are likeliest.
 
     What mechanics leave of smoothed accelerations is too small by what the smoothing took: bats want 4 to 16 times of
@@ -273,10 +293,10 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
             break
         best += step
     if best - 1 not in found or best + 1 not in found:
-        return 4.0**best
+        return Judged(4.0**best, found[best])
     low, middle, high = (found[best + i] for i in (-1, 0, 1))
     bend = low - 2 * middle + high
-    return float(4.0 ** (best + (0.5 * (low - high) / bend if bend < 0 else 0.0)))
+    return Judged(float(4.0 ** (best + (0.5 * (low - high) / bend if bend < 0 else 0.0))), middle)
 
 
 def with_potentials(

@@ -81,14 +81,14 @@ def test_the_process_noise_is_judged_by_groups(bat, monkeypatch):
     model, seen, truth = bat
     trial = MarkerTrial(name="bat", t_s=truth.t_s, xyz_m=seen.xyz_m, sd_m=seen.sd_m)
     trials = TrialSet([trial], anatomy_of(truth.names, truth.names[:4], ()))
-    whole = likely_noise(model, trials)
+    whole = likely_noise(model, trials).factor
     sizes = []
     monkeypatch.setattr("mocap.filters.models.pose.MOST_MARKERS", 30)
     monkeypatch.setattr("mocap.filters.groups.MOST_MARKERS", 34)
     monkeypatch.setattr(
         "mocap.filters.models.pose.part_of", lambda of, some: sizes.append(len(some)) or part_of(of, some)
     )
-    found = likely_noise(model, trials)
+    found = likely_noise(model, trials).factor
     assert sorted(sizes) == [17, 17]
     assert 1 / 4 < found / whole < 4
 

@@ -61,7 +61,7 @@ def test_the_rank_is_found(rank):
     """Of ranks 1 to 11 the true one is chosen: less does not reach hidden samples, more does not gain 5 %."""
     rng = np.random.default_rng(10 + rank)
     y, _, basis = low_rank(rng, rank=rank, n_frames=250)
-    subspace, found, z = fit_subspace(y, ranks=(1, 2, 3, 4, 6, 8, 11), block=10, rng=rng)
+    subspace, found, z, _ = fit_subspace(y, ranks=(1, 2, 3, 4, 6, 8, 11), block=10, rng=rng)
     assert subspace.basis.shape == (24, rank)
     assert principal_angle(subspace.basis, basis) < 0.02
     np.testing.assert_allclose(subspace.basis.T @ subspace.basis, np.eye(rank), atol=1e-12)
@@ -78,7 +78,7 @@ def test_a_small_component_counts():
     """
     rng = np.random.default_rng(30)
     y, _, _ = low_rank(rng, n_frames=250, amplitudes=(1.0, 0.8, 0.06))
-    subspace, _, _ = fit_subspace(y, ranks=(1, 2, 3, 4, 6), block=10, rng=rng)
+    subspace, _, _, _ = fit_subspace(y, ranks=(1, 2, 3, 4, 6), block=10, rng=rng)
     assert subspace.basis.shape[1] == 3
 
 
@@ -86,7 +86,7 @@ def test_the_residual_is_what_hidden_markers_miss():
     """``residual_sd`` is the deviation of hidden samples: about the noise where rank suffices, one a marker."""
     rng = np.random.default_rng(20)
     y, _, _ = low_rank(rng, noise=2e-3)
-    subspace, _, _ = fit_subspace(y, ranks=(3,), block=10, rng=rng)
+    subspace, _, _, _ = fit_subspace(y, ranks=(3,), block=10, rng=rng)
     sd = subspace.residual_sd.reshape(8, 3)
     np.testing.assert_array_equal(sd, np.repeat(sd[:, :1], 3, axis=1))
     assert (sd > 1.5e-3).all()
@@ -154,7 +154,7 @@ def test_very_short_recordings():
     """Few frames allow few components, and still give a subspace."""
     rng = np.random.default_rng(5)
     y, _, _ = low_rank(rng, n_frames=9)
-    subspace, _, z = fit_subspace(y, ranks=(1, 2, 3, 4), block=3, rng=rng)
+    subspace, _, z, _ = fit_subspace(y, ranks=(1, 2, 3, 4), block=3, rng=rng)
     assert subspace.basis.shape[1] == z.shape[1] == 1
     assert np.isfinite(subspace.residual_sd).all()
 

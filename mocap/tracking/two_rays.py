@@ -303,12 +303,16 @@ def _ray_distances(
 
 
 def _pose(recording: Recording, learned: LearnedModel | None) -> PoseSettings:
-    """The pose model without a regression, and with the process noise that all passes share, looked for once."""
+    """The pose model without a regression, and with the rank and process noise that all passes share, looked for once.
+
+    Positions are asked for: of ranks that fill hidden samples alike the smallest will do.
+    """
     settings = None if learned is None else learned.models[-1]
     pose = replace(settings if isinstance(settings, PoseSettings) else PoseSettings(), regression=0.0)
     if pose.process_noise or not _can_expect(recording, learned):
         return pose
-    return pose.tuned(_trials(recording, learned))
+    trials = _trials(recording, learned)
+    return replace(pose, ranks=trials.shapes(pose.ranks)[1].ranks[:1]).tuned(trials)
 
 
 def _trials(recording: Recording, learned: LearnedModel | None, trials: TrialSet | None = None) -> TrialSet:

@@ -148,8 +148,27 @@ def first_poses(recorded: Recorded, found: Starts) -> tuple[Poses, Poses]:
     cuts = np.cumsum(count)
     path = _path(prior, starts, cost, cuts, frames)
     twin = np.concatenate([(np.arange(k) + k // 2) % k for k in count]) + np.repeat(cuts - count, count)
+    mirrored = _turned_over(recorded, starts, starts.of(np.repeat(path, count)))
+    mirrored[twin[path]] = True  # so that each frame has one
+    other = _path(prior, starts, np.where(mirrored, cost, np.inf), cuts, frames)
     steps = views.uv_px.shape[1]
-    return between(starts.of(path), frames, steps), between(starts.of(twin[path]), frames, steps)
+    return between(starts.of(path), frames, steps), between(starts.of(other), frames, steps)
+
+
+def _turned_over(recorded: Recorded, at: Poses, path: Poses) -> NDArray[np.bool_]:
+    """Which poses lie nearer to the mirror image of a path, as the camera that sees most has it, than to the path.
+
+    The shape changes with it: a wing that is raised is lowered there. Starts of other shapes show both.
+    """
+    matrix = recorded.views.matrices[int(np.argmax(recorded.views.seen.sum(axis=(1, 2))))]
+    axis = path.position_m + np.linalg.solve(matrix[:, :3], matrix[:, 3])
+    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    mean = recorded.prior.mean.reshape(-1, 3)
+    normal = np.linalg.svd(mean - mean.mean(axis=0))[2][-1]
+    behind = np.eye(3) - 2 * axis[:, :, None] * axis[:, None, :]
+    image = behind @ path.rotation @ (np.eye(3) - 2 * np.outer(normal, normal))
+    # the trace of R S^T falls with the angle between R and S
+    return np.einsum("sij,sij->s", at.rotation, image - path.rotation) > 0
 
 
 def _joined(parts: list[Poses]) -> Poses:

@@ -36,6 +36,10 @@ ALARMS = 0.01
 """Share of the frames of a trial like those that were learned from whose poses are called unlike them. Chosen; not
 measured."""
 
+REACHES = 0.3
+"""Share of the squared distance to the mirror image, the mean square if it is that probable, at which intervals of 95 %
+reach it: 1.96 times the root is 1.07."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Found:
@@ -219,7 +223,7 @@ def track_views(
     for lag, part in enumerate(lags):
         part *= (wider[lag:] * wider[: len(xyz) - lag])[:, None, None]
         if other > 0.05:
-            part += other * (1 - other) * apart[lag:, :, None] * apart[: len(xyz) - lag, None]
+            part += max(other, REACHES) * apart[lag:, :, None] * apart[: len(xyz) - lag, None]
     blocks = lags[0].reshape(len(xyz), prior.markers, 3, prior.markers, 3)
     estimate = Estimate(
         xyz_m=xyz,

@@ -79,7 +79,8 @@ def _cut(text: str, width: int) -> str:
     end = len(words)
     while end and len(" ".join(words[end - 1 :])) <= width // 2:
         end -= 1
-    begin = textwrap.shorten(" ".join(words[:end]), width - len(" ".join(["", *words[end:]])), placeholder=" ...")
+    room = width - len(" ".join(["", *words[end:]]))
+    begin = textwrap.shorten(" ".join(words[:end]), room, placeholder=" ...", break_on_hyphens=False)
     return " ".join([begin, *words[end:]]).strip()
 
 

@@ -159,14 +159,18 @@ def test_pages_are_read_without_the_site(mocap):
     assert "mocap help lists them" in err
 
 
-def test_mocap_alone_says_what_to_do_next(mocap):
-    """Five lines of commands that exist, and success."""
+def test_mocap_alone_says_what_to_do_next(mocap, monkeypatch):
+    """Five lines of commands that exist, and success; by the name that can be called again."""
     code, out, _ = mocap()
     lines = out.strip().splitlines()
     assert code == 0
     assert len(lines) == 5
     assert all(line.startswith("mocap ") and not commands.unknown_in(line.split("   ")[0]) for line in lines)
     assert set(re.findall(r"mocap help (\w+)", out)) < topics().keys()
+    monkeypatch.setattr("sys.prefix", "/home/a/.cache/uv/archive-v0/Xs3")  # uvx: there is no command mocap
+    again = mocap()[1]
+    assert again.count("uvx eal-mocap ") == out.count("mocap ") == 7
+    assert "<bool>" not in mocap("--help")[1]
 
 
 def test_the_readme_is_short_and_its_pictures_are_there():

@@ -134,6 +134,7 @@ def test_findings_are_those_of_the_parts_step_by_step(tracked):
     assert isinstance(tracked, Recording)
 
 
+@pytest.mark.quick
 def test_arrays_are_read_by_the_name_of_their_type():
     """``NDArray`` is a type's alias from NumPy 2.5 on, which is installed from Python 3.12 on: as one made here."""
     extensions = pytest.importorskip("typing_extensions")
@@ -142,5 +143,5 @@ def test_arrays_are_read_by_the_name_of_their_type():
     kind = make_dataclass("Kind", [("a", alias[np.float64]), ("b", alias[np.int64] | None)], frozen=True)
     found = record(kind, {"a": [1, 2.5], "b": [3]}, "a file")
     assert (found.a.tolist(), found.b.tolist()) == ([1.0, 2.5], [3])
-    with pytest.raises(FormatError, match="a file: b: is '\\[0.5\\]', expected whole numbers"):
+    with pytest.raises(FormatError, match=r"a file: b: .*expected whole numbers"):
         record(kind, {"a": [1], "b": [0.5]}, "a file")

@@ -266,7 +266,7 @@ def plot_cycle_values(rows: Sequence[Cycle], what: str, *, unit: str, ax: "Axes 
         some = [row for row in rows if row.of == limb]
         values = np.array([getattr(row, what) for row in some])
         left_out = np.flatnonzero(np.diff([row.number for row in some]) > 1) + 1  # no line leads across these
-        line = np.insert([[row.start_s for row in some], values], left_out, np.nan, axis=1)
+        line = np.insert(np.stack([[row.start_s for row in some], values]), left_out, np.nan, axis=1)
         ax.plot(*line, color=COLOURS[k % len(COLOURS)], linewidth=0.7)
         half = Z95 * np.array([getattr(row, f"{stem}_sd_{end}", np.nan) for row in some])
         text = f"{words(limb)}: {np.mean(values):.2f} ± {np.std(values):.2f} {unit} (mean ± SD, n = {len(some)})"

@@ -65,6 +65,7 @@ def _wrong(where: str, expected: str, found: Any) -> FormatError:
 
 def _value(hint: Any, entry: Any, where: str) -> Any:
     """A value of this type."""
+    hint = _without_alias(hint)
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return _value(args[0], entry, where)
@@ -92,6 +93,15 @@ def _value(hint: Any, entry: Any, where: str) -> Any:
     if hint in (Any, object):
         return entry
     return _scalar(hint, entry, where)
+
+
+def _without_alias(hint: Any) -> Any:
+    """What a type's alias stands for: ``NDArray`` is one (``type NDArray[...] = ...``) in NumPy 2.5 on Python 3.12."""
+    origin = get_origin(hint)
+    meant = getattr(hint if origin is None else origin, "__value__", None)
+    if meant is None or isinstance(hint, type):  # a class may have such an attribute of its own
+        return hint
+    return _without_alias(meant if origin is None else meant[get_args(hint)])
 
 
 def _scalar(kind: Any, entry: Any, where: str) -> Any:

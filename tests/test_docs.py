@@ -143,6 +143,62 @@ def test_the_manual_says_what_to_do_about_every_kind_of_alarm(kind):
     assert ".md" not in text
 
 
+def templates() -> list[list[str]]:
+    """Every text of the program, in the parts between values that it fills in; options as the command types them."""
+    found = set()
+    for folder in ("mocap", "filters", "eal"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.JoinedStr):
+                    text = "".join(str(v.value) if isinstance(v, ast.Constant) else "\0" for v in node.values)
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    text = node.value
+                else:
+                    continue
+                text = re.sub(r"`(\w+)`", lambda name: "--" + name[1].replace("_", "-"), text).strip("\0 :;")
+                if sum(c.islower() for c in text) >= 6:
+                    found.add(text)
+    return [text.split("\0") for text in found]
+
+
+def said(message: str, texts: list[list[str]]) -> list[bool]:
+    """Which characters of a message one of the texts has, all its parts in order; the message may end before it."""
+    covered = [False] * len(message)
+    for first, *rest in texts:
+        at = message.find(first)
+        while at >= 0:
+            end = at + len(first)
+            for part in rest:
+                following = message.find(part, end)
+                if following < 0:
+                    cut = end == len(message) or any(part.startswith(message[k:]) for k in range(end, len(message) - 2))
+                    end = len(message) if cut else 0
+                    break
+                end = following + len(part)
+            covered[at:end] = [True] * max(end - at, 0)
+            at = message.find(first, at + 1)
+        if first.startswith(message):
+            return [True] * len(message)
+    return covered
+
+
+def test_messages_that_pages_quote_are_those_of_the_program():
+    """In tables of what can go wrong: but for values, at most two words of a message are in no text of the program."""
+    texts, wrong, seen = templates(), {}, 0
+    for page in (ROOT / "docs" / "howto").rglob("*.md"):
+        _, _, table = page.read_text(encoding="utf-8").partition("| message | do |")
+        for message in re.findall(r"^\| `([^`]+)`", table, re.MULTILINE):
+            message = message.rstrip(". ")
+            covered = said(message, texts)
+            words = [w for w in re.finditer(r"\S+", message) if re.fullmatch(r"\(?[A-Za-z-]{2,}[,;:)]*", w[0])]
+            unknown = [word[0] for word in words if not all(covered[word.start() : word.end()])]
+            seen += 1
+            if len(unknown) > 2:
+                wrong[f"{page.name}: {message}"] = unknown
+    assert seen > 50
+    assert not wrong
+
+
 def test_pages_are_read_without_the_site(mocap):
     """Each by its name, without what only the site can show; names are told apart; a wrong one is refused."""
     pages = [path for room in ROOMS for path in (ROOT / "docs" / room).glob("*.md")]
@@ -159,14 +215,18 @@ def test_pages_are_read_without_the_site(mocap):
     assert "mocap help lists them" in err
 
 
-def test_mocap_alone_says_what_to_do_next(mocap):
-    """Five lines of commands that exist, and success."""
+def test_mocap_alone_says_what_to_do_next(mocap, monkeypatch):
+    """Five lines of commands that exist, and success; by the name that can be called again."""
     code, out, _ = mocap()
     lines = out.strip().splitlines()
     assert code == 0
     assert len(lines) == 5
     assert all(line.startswith("mocap ") and not commands.unknown_in(line.split("   ")[0]) for line in lines)
     assert set(re.findall(r"mocap help (\w+)", out)) < topics().keys()
+    monkeypatch.setattr("sys.prefix", "/home/a/.cache/uv/archive-v0/Xs3")  # uvx: there is no command mocap
+    again = mocap()[1]
+    assert again.count("uvx eal-mocap ") == out.count("mocap ") == 7
+    assert "<bool>" not in mocap("--help")[1]
 
 
 def test_the_readme_is_short_and_its_pictures_are_there():

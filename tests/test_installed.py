@@ -289,6 +289,24 @@ def test_rattler_build_renders_the_recipe():
     assert rendered["package"]["name"] == "eal-mocap"
 
 
+@pytest.mark.rare
+@pytest.mark.parametrize("runner", [["--from"], ["pipx", "run", "--spec"]])
+def test_uvx_and_pipx_run_the_wheel(installed, runner, tmp_path, monkeypatch):
+    """As the page on installing types them: the version, the help, and what to do next in words that run again."""
+    pytest.importorskip("uv", reason="a tool of the locked environment")
+    for name in ("PIPX_HOME", "PIPX_BIN_DIR", "UV_TOOL_DIR"):
+        monkeypatch.setenv(name, str(tmp_path / "pipx" / ".cache"))
+    (wheel,) = (installed.parent / "wheels").iterdir()
+    run = [sys.executable, "-m", "uv", "tool", "run", *runner, wheel, "mocap"]
+    page = (ROOT / "docs" / "howto" / "installing.md").read_text(encoding="utf-8")
+    assert "uvx --from . mocap" in page
+    assert "pipx run --spec . mocap" in page
+    assert from_the_index([*run, "--version"]).stdout.startswith("mocap 1.")
+    assert "Usage: mocap" in from_the_index([*run, "--help"]).stdout
+    again = "uvx eal-mocap" if runner == ["--from"] else "pipx run eal-mocap"
+    assert f"{again} demo bat" in from_the_index(run).stdout
+
+
 def test_it_can_stand_beside_the_other_programs_of_the_field(beside):
     """One environment can hold all of them and us, with all our extras; only resolved, not installed."""
     pytest.importorskip("uv", reason="a tool of the locked environment")

@@ -27,8 +27,8 @@ TRIED = (
     ("mocap", "data", "make", "bat", "--out", "bat"),
     ("mocap", "info", "bat/bat_xypts.csv", "--fps", "700"),
 )
-"""What is run of the source distribution, too; of the wheel the demo besides."""
-DEMO = ("mocap", "demo", "bat", "--out", "demo")
+"""What is run of the source distribution, too; of the wheel the demo besides, whose result is then loaded."""
+DEMO = (("mocap", "demo", "bat", "--out", "demo"), ("mocap", "kinematics", "demo"))
 
 
 class Unready(Exception):
@@ -101,7 +101,7 @@ def tried(distribution: Path, python: str) -> None:
         uv("venv", "--quiet", "--python", python, environment)
         there = environment / ("Scripts" if os.name == "nt" else "bin")
         uv("pip", "install", "--quiet", "--python", environment, distribution)
-        for program, *rest in (*TRIED, DEMO) if distribution.suffix == ".whl" else TRIED:
+        for program, *rest in (*TRIED, *DEMO) if distribution.suffix == ".whl" else TRIED:
             words(there / program, *rest, cwd=Path(place))
 
 

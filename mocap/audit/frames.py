@@ -81,11 +81,13 @@ def path_findings(values: Array, names: Sequence[str], *, camera: str | None = N
     named = ", ".join(repr(str(names[m])) for m in whose[:4]) + (", ..." if len(whose) > 4 else "")
     frames = tuple(int(t) + 1 + first for t in at[:MOST])
     listed = ", ".join(map(str, frames[:8])) + (", ..." if len(at) > 8 else "")
+    told = number_of(int(out.sum()), "coordinate")
+    does = "leaves its path for one frame and is" if out.sum() == 1 else "leave their path for one frame and are"
     return [
         Finding(
             kind=Kind.SINGLE_SAMPLES,
-            text=f"{number_of(int(out.sum()), 'coordinate')} of {named}{where} leave their path for one frame and are "
-            f"back in the next (frame {listed}): exchanged or mistyped cells, or a careless click",
+            text=f"{told} of {named}{where} {does} back in the next (frame {listed}): exchanged or mistyped "
+            "cells, or a careless click",
             numbers={"coordinates": int(out.sum()), "largest_off": float(np.nanmax(np.abs(off[out])))},
             cameras=() if camera is None else (camera,),
             markers=tuple(str(names[m]) for m in whose[:MOST]),

@@ -48,7 +48,7 @@ def closing(report: Mapping, out: Path, *, cycles: Sequence[str] = ()) -> list[s
     lines += ["", "What is wrong, worst first" if wrong else known]
     decided = len(notes(report))
     for shown, whole in product(range(len(wrong), -1, -1), (True, False)):
-        told = wrong[:shown] or [textwrap.shorten(one, 74, placeholder=" ...") for one in wrong[:1]]  # one line
+        told = wrong[:shown] or [_cut(one, 74) for one in wrong[:1]]  # one line
         items = [part for k, one in enumerate(told) for part in _indented(f"{k + 1}. {one}", deeper="   ")]
         more = [f"{len(wrong) - len(told)} more"] if len(told) < len(wrong) else []
         more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
@@ -70,7 +70,18 @@ def _left_open(texts: Sequence[str], *, whole: bool) -> list[str]:
 
 
 def _whole_or_cut(text: str, *, whole: bool) -> str:
-    return text if whole else textwrap.shorten(text, 76, placeholder=" ...")
+    return text if whole else _cut(text, 76)
+
+
+def _cut(text: str, width: int) -> str:
+    """One line of a sentence, without its middle: it begins with what is wrong and ends with what to do."""
+    words = text.split()
+    end = len(words)
+    while end and len(" ".join(words[end - 1 :])) <= width // 2:
+        end -= 1
+    room = width - len(" ".join(["", *words[end:]]))
+    begin = textwrap.shorten(" ".join(words[:end]), room, placeholder=" ...", break_on_hyphens=False)
+    return " ".join([begin, *words[end:]]).strip()
 
 
 def _indented(text: str, indent: str = "  ", *, deeper: str = "  ") -> list[str]:

@@ -1,6 +1,7 @@
 """The command line: ``mocap``."""
 
 import os
+import re
 import signal
 import sys
 import traceback
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from mocap.cli.console import in_words_of, say, say_error, show_text, talk_in_any_encoding, visible
+from mocap.cli.console import in_words_of, program, say, say_error, show_text, talk_in_any_encoding, typed, visible
 from mocap.cli.table import ENTRIES, Commands
 from mocap.errors import MocapError
 from mocap.trouble import ended_by_plugin, trouble_of
@@ -38,6 +39,13 @@ class _Commands(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands = Commands()  # type: ignore[assignment]  # none is added
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Switches without the type that typer shows of them."""
+        found = super().get_params(ctx)
+        for one in found:
+            one.metavar = ""  # type: ignore[attr-defined]  # all are switches
+        return found
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -80,7 +88,7 @@ def start(
         show_text(f"mocap {metadata.version('eal-mocap')}")
         raise typer.Exit
     if context.invoked_subcommand is None:
-        show_text(START)
+        show_text(re.sub(r"\bmocap (?=\S)", lambda _: f"{typed(*program())} ", START))
 
 
 def main() -> None:

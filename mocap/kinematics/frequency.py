@@ -49,14 +49,18 @@ class Frequency:
 
     @property
     def number(self) -> str:
-        """With half the width of its interval and its unit."""
-        return f"{self.value_hz:.2f} ± {self.high_hz - self.value_hz:.2g} Hz"
+        """With half the width of its interval, two digits of it and the value as exactly, and its unit."""
+        half = self.high_hz - self.value_hz
+        digits = max(2, 1 - int(np.floor(np.log10(half)))) if np.isfinite(half) and half > 0 else 2
+        return f"{self.value_hz:.{digits}f} ± {half:.{digits}f} Hz"
 
     @property
     def meaning(self) -> str:
         """What the number is of, and what was left out."""
         left = f", {self.n_doubtful} doubtful ones left out" if self.n_doubtful else ""
-        return f"{self.kind.replace('_', ' ')} frequency, 95 % interval ({number_of(self.n_cycles, 'cycle')}{left})"
+        spread = f", single cycles differ by SD {self.spread_hz:.2g} Hz" if np.isfinite(self.spread_hz) else ""
+        counted = f"{number_of(self.n_cycles, 'cycle')}{left}"
+        return f"mean {self.kind.replace('_', ' ')} frequency, 95 % interval ({counted}){spread}"
 
 
 @dataclass(frozen=True)

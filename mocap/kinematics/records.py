@@ -98,7 +98,7 @@ def without_unknown_angles(found: Sequence[Quantity]) -> tuple[list[Quantity], l
     """Quantities without the angles, and rates of them, in frames in which nothing is known of the angle.
 
     Returns:
-        The quantities, missing there; a sentence for each angle of which something was left out.
+        The quantities, missing there; a sentence for the angles of which something was left out in the same frames.
     """
     holes: dict[str, NDArray[np.bool_]] = {}
     for one in found:
@@ -106,10 +106,13 @@ def without_unknown_angles(found: Sequence[Quantity]) -> tuple[list[Quantity], l
             hole = unknown(one.sd, WIDEST_DEG * (2 if one.name.endswith(_DIRECTIONS) else 1))
             if hole.any():
                 holes[one.name.removesuffix("_deg")] = hole
+    alike: dict[bytes, list[str]] = {}  # included angle and flexion of a joint, at least
+    for name, hole in holes.items():
+        alike.setdefault(hole.tobytes(), []).append(f"{name}_deg")
     notes = [
-        f"{name}_deg is unknown in {number_of(int(hole.sum()), 'frame')}, and empty there: its 95 % interval is as "
-        "wide as all that it can be"
-        for name, hole in holes.items()
+        f"unknown in {number_of(sum(frames), 'frame')}, and empty there, as the 95 % interval is as wide as all that "
+        f"an angle can be: {', '.join(names)}"
+        for frames, names in alike.items()
     ]
     out = []
     for one in found:

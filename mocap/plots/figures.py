@@ -87,7 +87,8 @@ def pictures(run: Result, found: Kinematics, rows: Sequence[Cycle], steps: Footf
     if "body_speed_m_s" in found and np.isfinite(found["body_speed_m_s"].value).any():
         yield Picture(
             name="speed",
-            caption="Instantaneous speed of the body (mean of the trunk's markers) with its 95 % interval.",
+            caption=f"Speed of the body (mean of {'trunk' if run.skeleton.trunk else 'all'} markers) with its 95 % "
+            "interval.",
             figure=plots.plot_over_time(found, ["body_speed_m_s"]).figure,
         )
     if steps is not None:

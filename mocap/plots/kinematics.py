@@ -233,9 +233,9 @@ def plot_by_phase(
         ax.plot(one.phase, one.mean, color=colour, linewidth=1.2, label=f"{label(one.quantity)} (n = {one.n})")
     if turning is not None and np.isfinite(turning):
         ax.axvline(turning, color="0.5", linewidth=0.7, linestyle="--")
-        for phase, text in ((0.0, "upper"), (turning, "lower"), (1.0, "upper")):
+        for phase, text, side in ((0.0, "upper", "left"), (turning, "lower", "center"), (1.0, "upper", "right")):
             place = {"xycoords": ("data", "axes fraction"), "xytext": (0, 1), "textcoords": "offset points"}
-            ax.annotate(text, (phase, 1), fontsize=6, ha="center", color="0.35", **place)
+            ax.annotate(text, (phase, 1), fontsize=6, ha=side, color="0.35", **place)
     ax.set_xlim(0, 1)
     labelled(ax, f"phase of the {of} (cycles)", f"{'angle' if unit == 'deg' else 'value'} ({UNITS[unit]})")
     legend_above(ax, up=1.0 if turning is None else 1.06)
@@ -265,11 +265,14 @@ def plot_cycle_values(rows: Sequence[Cycle], what: str, *, unit: str, ax: "Axes 
     for k, limb in enumerate(dict.fromkeys(row.of for row in rows)):
         some = [row for row in rows if row.of == limb]
         values = np.array([getattr(row, what) for row in some])
+        left_out = np.flatnonzero(np.diff([row.number for row in some]) > 1) + 1  # no line leads across these
+        line = np.insert(np.stack([[row.start_s for row in some], values]), left_out, np.nan, axis=1)
+        ax.plot(*line, color=COLOURS[k % len(COLOURS)], linewidth=0.7)
         half = Z95 * np.array([getattr(row, f"{stem}_sd_{end}", np.nan) for row in some])
         text = f"{words(limb)}: {np.mean(values):.2f} ± {np.std(values):.2f} {unit} (mean ± SD, n = {len(some)})"
         ax.errorbar(
-            [row.start_s for row in some], values, np.where(np.isfinite(half), half, 0.0), fmt="o-", markersize=2.5,
-            color=COLOURS[k % len(COLOURS)], linewidth=0.7, elinewidth=0.7, capsize=1.2, label=text,
+            [row.start_s for row in some], values, np.where(np.isfinite(half), half, 0.0), fmt="o", markersize=2.5,
+            color=COLOURS[k % len(COLOURS)], elinewidth=0.7, capsize=1.2, label=text,
         )  # fmt: skip
     labelled(ax, "time (s)", f"{stem.replace('_', ' ')} ({unit})")
     legend_above(ax)

@@ -51,9 +51,10 @@ def report_page(
     sources = {one.name: base64.b64encode(svg[one.name].encode()).decode() for one in shown}
     frames = found.t_s
     none = why_none(run.skeleton, found, rows) if run.skeleton.joints or run.skeleton.measures.cyclic else []
-    wrong = cast(Sequence[str], run.report.get("wrong", ()))
-    remedies = {f.text: entry for f in run.findings if f.text in wrong and (entry := what_to_do(f.kind)) is not None}
-    told = dict.fromkeys(remedies[said] for said in wrong if said in remedies)
+    wrong, left_open = (cast(Sequence[str], run.report.get(key, ())) for key in ("wrong", "open"))
+    asked = *wrong, *left_open
+    remedies = {f.text: entry for f in run.findings if f.text in asked and (entry := what_to_do(f.kind)) is not None}
+    told = dict.fromkeys(remedies[said] for said in asked if said in remedies)
     anchors = {one: f"do{number}" for number, one in enumerate(told, start=1)}
     # title and text of each section but for the findings, which stand on the page
     parts = re.split(r"^## (.*)$", run.report_text, flags=re.MULTILINE)
@@ -64,10 +65,19 @@ def report_page(
         fps=(len(frames) - 1) / (frames[-1] - frames[0]) if len(frames) > 1 else 0.0,
         seconds=float(frames[-1] - frames[0]) if len(frames) else 0.0,
         numbers=_numbers(run, rows),
-        wrong=[(_linked(said), anchors[remedies[said]] if said in remedies else None) for said in wrong],
+        **{
+            key: [(_linked(said), anchors[remedies[said]] if said in remedies else None) for said in texts]
+            for key, texts in (("wrong", wrong), ("open", left_open))
+        },
         remedies=[(anchors[one], one[0], details.render(one[1])) for one in anchors],
-        open=[_linked(sentence) for sentence in cast(Sequence[str], run.report.get("open", ()))],
-        notes=[_linked(sentence) for sentence in [*notes(run.report), *found.notes, *none]],
+        notes=[
+            (title, [_linked(sentence) for sentence in texts])
+            for title, texts in (
+                ("What was decided or repaired", notes(run.report)),
+                ("Quantities that are missing or unknown in some frames", [*found.notes, *none]),
+            )
+            if texts
+        ],
         cycles=_cycles(rows),
         angles=_angles(run, found),
         peaks=_peaks(run, found, rows),

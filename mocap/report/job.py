@@ -157,12 +157,11 @@ def unknown_positions(count: float, total: float, frames: Sequence[int] = ()) ->
         return []
     longest = max(runs_of(frames), key=len, default=range(0))
     most = f"; most of them in frames {longest[0]} to {longest[-1]}" if len(longest) > 1 else ""
-    where = f"({count / total:.1%} of all) in gaps"
     return [
         Finding(
             kind=Kind.UNKNOWN_POSITIONS,
-            text=f"{number_of(int(count), f'position {where} is', f'positions {where} are')} too uncertain to "
-            f"use and left empty: 95 % intervals are as wide as the animal is long{most}",
+            text=f"{number_of(int(count), 'position is', 'positions are')} too uncertain to use and left empty: "
+            f"95 % intervals are as wide as the animal is long{most}",
             numbers={"samples": count, "share": count / total},
             frames=tuple(frames[:MOST]),
         )

@@ -477,11 +477,13 @@ def _measured_lines(repeated: Mapping, found: Mapping, unit: str) -> list[str]:
     ]
     if most is None:
         return lines
+    far = number_of(found["beyond_3_sd"], "that lies", "that lie") + " more than 3 standard deviations away "
+    far += "is marked rejected" if found["beyond_3_sd"] == 1 else "are marked rejected"
     return [
         *lines,
         f"- measured samples lie {found[f'median_{unit}']:.2f} {unit} (median), {found[f'90%_{unit}']:.2f} {unit} "
         f"(90 %) from where they were measured, at most {most[unit]:.2f} {unit} ({plain(most['marker'])}, frame "
-        f"{most['frame']}); {found['beyond_3_sd']} that lie more than 3 standard deviations away are marked rejected",
+        f"{most['frame']}); {far}",
     ]
 
 

@@ -24,6 +24,7 @@ from mocap.filters.observations import linearised_pixels
 from mocap.filters.poses import MarkerTrial
 from mocap.findings import Finding, Kind
 from mocap.recording import Recording
+from mocap.text import number_of
 from mocap.tracking.tracking import learn_motion, marker_trial, seen_part, track, trial_set, why_no_pose
 
 CONTRADICTED = 6.0
@@ -131,7 +132,9 @@ def without_contradicted(
     frames, markers = recording.place(part)
     points[frames][:, markers] = np.isfinite(part.xyz_m[..., 0]) & np.isnan(checked.xyz_m[..., 0])
     rays[:, frames][:, :, markers] = np.isfinite(part.uv_px[..., 0]) & np.isnan(checked.uv_px[..., 0])
-    return _without(recording, points, rays).with_part(replace(recording[Cleaned], told=checked[Cleaned].told))
+    found = recording[Cleaned]
+    told = (*found.told, *sentences.rejected("contradicted", points, recording.names), *_rays_told(rays))
+    return _without(recording, points, rays).with_part(replace(found, told=told))
 
 
 def _without_wrong_points(
@@ -157,8 +160,7 @@ def _without_wrong_points(
         far &= ~continuing(recording, points, away_m)
     if not far.any():
         return recording
-    kept = _without(recording, far, np.zeros(recording.uv_px.shape[:3], dtype=bool))
-    return _told(kept, sentences.rejected("contradicted", far))
+    return _without(recording, far, np.zeros(recording.uv_px.shape[:3], dtype=bool))
 
 
 def continuing(recording: Recording, doubtful: Mask, away_m: Array) -> Mask:
@@ -217,15 +219,7 @@ def _without_wrong_rays(
         )
     if not wrong.any():
         return recording
-    points = wrong.any(axis=0) & np.isfinite(recording.xyz_m[..., 0])
-    told = [*sentences.rejected("contradicted", points), _rays_told(wrong)]
-    return _told(_without(recording, points, wrong), told)
-
-
-def _told(recording: Recording, more: Sequence[Finding]) -> Recording:
-    """The recording with more that cleaning found."""
-    found = recording[Cleaned]
-    return recording.with_part(replace(found, told=(*found.told, *more)))
+    return _without(recording, wrong.any(axis=0) & np.isfinite(recording.xyz_m[..., 0]), wrong)
 
 
 def _without(recording: Recording, points: Mask, rays: Mask) -> Recording:
@@ -338,11 +332,11 @@ def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:
     return out
 
 
-def _rays_told(mask: NDArray[np.bool_]) -> Finding:
+def _rays_told(mask: NDArray[np.bool_]) -> list[Finding]:
     """Rays (C, T, M) of one of two cameras that disagree."""
     count = int(mask.sum())
     text = (
-        f"{count} ray{'' if count == 1 else 's'} rejected (of two cameras that disagree in some frames the one that "
-        "the motion and the other markers contradict)"
+        f"{number_of(count, 'ray')} rejected (of two cameras that disagree in some frames the one that the motion and "
+        "the other markers contradict)"
     )
-    return Finding(kind=Kind.REJECTED_RAYS, text=text, numbers={"rays": count})
+    return [Finding(kind=Kind.REJECTED_RAYS, text=text, numbers={"rays": count})] if count else []

@@ -145,7 +145,7 @@ def test_what_was_saved_is_loaded_to_the_last_bit(tracked, saved):
 def test_every_file_and_column_is_documented(tracked, saved):
     """What a run writes is on the page of files: names of files, columns, variables, keys of the report."""
     names = documented_names(tracked)
-    for table in ("markers.csv", "joints.csv", "cycles.csv"):
+    for table in ("markers.csv", "joints.csv", "cycles.csv", "peaks.csv"):
         assert not columns.undocumented(pd.read_csv(saved.folder / table, nrows=0).columns, table, names), table
     quantities = [
         c for c in pd.read_csv(saved.folder / "kinematics.csv", nrows=0) if not c.endswith(("_sd", "_status"))

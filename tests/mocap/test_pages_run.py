@@ -12,6 +12,7 @@ import pytest
 from mocap.datasets import make_lizard, write_recording
 
 import mocap as library
+from docs.tools import columns
 from mocap.digitising.clicks import write_clicks
 from mocap.io.dltdv import write_pixels
 from mocap.io.dvproject import read_project
@@ -98,6 +99,7 @@ def test_digitising_goes_from_videos_to_tracks_as_the_page_types(typing):
     assert len(named) >= 10
     assert [name for name in named if not (Path("out/trial") / name).is_file()] == []
     assert len(pd.read_csv("out/tracked/markers.csv")) == 40
+    assert not columns.undocumented(pd.read_csv("out/trial/asked.csv", nrows=0).columns, "asked.csv", {})
 
 
 @pytest.fixture

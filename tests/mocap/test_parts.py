@@ -1,5 +1,8 @@
 """What each step found is saved, loaded, cut and told by the parts of a recording, one way for all of them."""
 
+from dataclasses import make_dataclass
+from typing import TypeVar
+
 import numpy as np
 import pytest
 from mocap.datasets import make_bat
@@ -129,3 +132,16 @@ def test_findings_are_those_of_the_parts_step_by_step(tracked):
     assert tracked.findings == tuple(worst_first(f for part in tracked.parts.values() for f in part.findings()))
     assert tracked.report["findings"] == [f.text for f in tracked.findings]
     assert isinstance(tracked, Recording)
+
+
+@pytest.mark.quick
+def test_arrays_are_read_by_the_name_of_their_type():
+    """``NDArray`` is a type's alias from NumPy 2.5 on, which is installed from Python 3.12 on: as one made here."""
+    extensions = pytest.importorskip("typing_extensions")
+    number = TypeVar("number", bound=np.generic)
+    alias = extensions.TypeAliasType("alias", np.ndarray[tuple[int, ...], np.dtype[number]], type_params=(number,))
+    kind = make_dataclass("Kind", [("a", alias[np.float64]), ("b", alias[np.int64] | None)], frozen=True)
+    found = record(kind, {"a": [1, 2.5], "b": [3]}, "a file")
+    assert (found.a.tolist(), found.b.tolist()) == ([1.0, 2.5], [3])
+    with pytest.raises(FormatError, match=r"a file: b: .*expected whole numbers"):
+        record(kind, {"a": [1], "b": [0.5]}, "a file")

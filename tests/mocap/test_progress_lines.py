@@ -102,11 +102,13 @@ def test_a_result_is_told_in_25_lines(tmp_path):
 
 
 def test_the_worst_is_named_where_it_does_not_fit(tmp_path):
-    """In one line, cut; the others are counted."""
-    lines = closing({**REPORT, "wrong": ["one word and another " * 60, "next"]}, tmp_path)
+    """In one line, without its middle: what to do stays; the others are counted."""
+    lines = closing({**REPORT, "wrong": [f"{'one word and another ' * 60}: give the rate", "next"]}, tmp_path)
     assert len(lines) <= 25
     (told,) = [line for line in lines if line.startswith("  1. one word")]
-    assert told.endswith(" ...")
+    assert " ... " in told
+    assert told.endswith(": give the rate")
+    assert len(told) <= 80
     assert "  1 more: report.html, or --verbose" in lines
 
 

@@ -98,6 +98,10 @@ def test_a_sudden_move_that_lasts_is_no_single_sample():
     step[80:, 2], flap[80:83, 2], one[80, 2] = step[80:, 2] + 0.05, flap[80:83, 2] + 0.05, one[80, 2] + 0.05
     assert path_findings(step, NAMES) == path_findings(flap, NAMES) == []
     (found,) = path_findings(one, NAMES)
+    assert "3 coordinates of 'pt3' leave their path for one frame and are back in the next" in found.text
+    one[80, 2, 1:] -= 0.05
+    (found,) = path_findings(one, NAMES)
+    assert "1 coordinate of 'pt3' leaves its path for one frame and is back in the next" in found.text
     assert (found.markers, found.frames) == (("pt3",), (81,))
 
 

@@ -78,7 +78,9 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     assert (checked.rejected["contradicted"][FRAMES, wrong] == asked[FRAMES, wrong]).all()
     assert checked.rejected["contradicted"][FRAMES, right].sum() <= 2
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
-    assert any("two-camera points inconsistent with the motion" in line.text for line in checked.findings)
+    (told,) = [line for line in checked.findings if "two-camera points inconsistent with the motion" in line.text]
+    assert told.numbers["samples"] == checked.rejected["contradicted"].sum()  # of all rounds together
+    assert "wrist_l" in told.markers
     lost = np.isfinite(one.uv_px[..., 0]) & np.isnan(checked.uv_px[..., 0])
     assert lost[1, FRAMES, wrong].mean() > 0.9  # looked at again, the camera that is wrong is found
     lost[1, FRAMES, wrong] = False

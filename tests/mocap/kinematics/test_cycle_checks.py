@@ -249,3 +249,7 @@ def test_an_angle_of_which_nothing_is_known_is_empty(flight):
     assert np.isfinite(known[3].value).all()
     assert len(notes) == 1
     assert "10 frames" in notes[0]
+    twice = [*some, replace(found["elbow_l_angle_deg"], sd=sd), replace(found["elbow_r_angle_deg"], sd=np.roll(sd, 40))]
+    one, other = without_unknown_angles(twice)[1]  # a sentence for those that are unknown in the same frames
+    assert one.endswith(": elbow_l_flexion_deg, elbow_l_angle_deg")
+    assert other.endswith(": elbow_r_angle_deg")

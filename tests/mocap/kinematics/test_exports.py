@@ -5,7 +5,10 @@ import pandas as pd
 import pytest
 from scipy.io import loadmat
 
+from docs.tools import columns
 from mocap.errors import MocapError
+from mocap.results.exports import EXPORTS
+from mocap.results.keypoints import KEYPOINTS
 from mocap.results.tracked import Tracked
 from tests.mocap.rerun.flapping import make_run
 
@@ -39,6 +42,16 @@ def test_matlab_holds_the_same(result, angle, tmp_path):
     column = list(table["names"]).index(angle.name)
     np.testing.assert_array_equal(table["value"][:, column], angle.value)
     np.testing.assert_array_equal(table["sd"][:, column], angle.sd)
+    variables = {name for name in table if not name.startswith("__")}
+    assert variables == set(columns.documented("kinematics.mat"))
+
+
+def test_the_page_of_files_names_every_export():
+    """Of each kind that ``--export`` knows; those of other programs' key points by how their names end."""
+    section = columns.page().split("## What other commands write")[1]
+    names = [name.removeprefix("kinematics") for name, _ in EXPORTS.values() if name]
+    names += [name.removeprefix("markers") for files in KEYPOINTS.values() for name in files.values()]
+    assert [name for name in names if f"{name}`" not in section] == []
 
 
 @pytest.mark.parametrize("kind", ["mot", "sto"])

@@ -95,14 +95,20 @@ def test_what_a_page_shows_is_text_and_frames_link_to_the_gaps(written):
 
 
 def test_each_finding_leads_to_what_can_be_done_about_it(written):
-    """Two of one kind to one entry of the manual, which stands on the page once; what nothing is known of to none."""
+    """Two of one kind to one entry of the manual, which stands on the page once; what nothing is known of to none.
+
+    So does what is left open to be stated. Notes are counted as on the terminal; those on quantities are apart.
+    """
     result, _ = written
     kinds = {"p jumps": Kind.JUMP, "q jumps": Kind.JUMP, "the unit is odd": Kind.UNITS}
     told = tuple(Finding(kind=kind, text=text, alarm=True) for text, kind in kinds.items())
-    report = {**result.report, "wrong": [*kinds, "something else"], "findings": []}
+    told += (Finding(kind=Kind.ASSUMED_UNIT, text="no unit is stated"),)
+    report = {**result.report, "wrong": [*kinds, "something else"], "open": ["no unit is stated"]}
+    report["findings"] = [*report["wrong"], *report["open"], "one sample repaired"]
     run = result.with_part(Cleaned(told=told)).with_part(Report(numbers=report, text="# a\n"))
     page = report_page(run, result.kinematics, [], [], {})
-    assert re.findall(r'<a href="#(do\d)">What to do</a>', page) == ["do1", "do1", "do2"]
+    assert re.findall(r'<a href="#(do\d)">What to do</a>', page) == ["do1", "do1", "do2", "do2"]
+    assert "What was decided or repaired (1)" in page
     assert re.findall(r'<section id="(do\d)">', page) == ["do1", "do2"]
     assert "something else</li>" in page
     assert "mocap help" in page or "--unit" in page

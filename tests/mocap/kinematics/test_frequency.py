@@ -1,11 +1,14 @@
 """The frequency of a recording against simulated times of turning points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mocap.datasets.linkage import draw_wander
 
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import DOUBTFUL, Cycle
+from mocap.plots.kinematics import plot_cycle_values
 
 
 def beats(times, sds, of="wing_l", keep=None):
@@ -93,6 +96,10 @@ def test_all_turning_points_tell_more_than_a_pair():
     assert one.value_hz == pytest.approx(10, abs=3 * one.sd_hz)
     assert 0.3 * ends_alone < one.sd_hz < 0.8 * ends_alone
     assert one.n_cycles == 10
+    known = replace(one, value_hz=9.00031, high_hz=9.00271, spread_hz=0.176)  # both to the same decimal place
+    assert known.number == "9.0003 ± 0.0024 Hz"
+    assert replace(one, value_hz=9.0, high_hz=10.3).number == "9.00 ± 1.30 Hz"
+    assert known.meaning.endswith("(10 cycles), single cycles differ by SD 0.18 Hz")
 
 
 def test_doubtful_cycles_are_no_part_of_it():
@@ -118,3 +125,12 @@ def test_a_long_recording_is_cut_and_joined():
     )
     assert abs(long.value_hz - 10) < 4 * long.sd_hz
     assert long.sd_hz < 0.5 * short.sd_hz
+
+
+def test_no_line_leads_across_cycles_that_are_left_out():
+    """Of ten beats the fifth and sixth are not counted: the line of the figure is broken there."""
+    rows = beats(0.05 * np.arange(21), np.full(21, 1e-4), keep=lambda k: k not in (4, 5))
+    ax = plot_cycle_values(rows, "frequency_hz", unit="Hz")
+    line = ax.lines[0].get_ydata()
+    assert np.flatnonzero(np.isnan(line)).tolist() == [4]
+    assert len(line) == len(rows) + 1 == 9

@@ -144,6 +144,7 @@ LATER = {Kind.JOINTS, Kind.INTERVALS}
 
 
 @pytest.mark.slow
+@pytest.mark.rare
 def test_a_batch_tells_each_fault_once_wherever_it_tells(few, tmp_path):
     """What the plan tells is told by summary.csv and its page, by report.json, report.md and the desk's table."""
     plan, out = planned(few), tmp_path / "out"

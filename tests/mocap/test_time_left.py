@@ -312,6 +312,7 @@ def test_a_batch_says_what_is_left_within_a_third(workers):
     assert sum(right) > 0.7 * len(right)
 
 
+@pytest.mark.rare
 def test_the_stages_that_are_weighed_are_those_of_a_run(tmp_path):
     """Of a flight of which two of three cameras see six markers: none is called otherwise, none is weighed in vain."""
     film = make_bat(n_frames=60, n_cameras=3)

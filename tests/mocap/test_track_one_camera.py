@@ -146,6 +146,7 @@ ALONG = np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
 """It looks along x, the swing: it lies in every plane of the motion."""
 
 
+@pytest.mark.rare
 @pytest.mark.parametrize(("turn", "poor"), [(ACROSS, False), (ALONG, True)])
 def test_a_view_along_the_motion_is_said_to_tell_little(tmp_path, turn, poor):
     """Limbs that swing along the line of sight are known from trials alone; across it the same limbs are seen.

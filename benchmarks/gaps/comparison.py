@@ -48,12 +48,13 @@ def comparison(folds: pd.DataFrame, peers: Sequence[str], *, method: str = "EAL"
     rows = []
     for group, part in wide.groupby(GROUP, sort=False):
         at = wide.index.get_indexer(part.index)
+        often = pd.Series(names[at]).dropna().mode()  # of a run that was gone on with, sets may lack peers
         row = dict(zip(GROUP, group, strict=True)) | {
             "cells": len(part.groupby(CELL)),
             "trials": part.index.get_level_values("trial").nunique(),
             "eal_mm": float(np.exp(part[method].mean())),
             "inside95": 100 * float(inside.reindex(part.index.droplevel("frames")).mean()),
-            "best_peer": pd.Series(names[at]).mode().iloc[0] if len(best) else "",
+            "best_peer": often.iloc[0] if len(often) else "",
         }
         for column, other in beside.items():
             mean, error = mean_and_error((part[method] - other.iloc[at]).dropna())

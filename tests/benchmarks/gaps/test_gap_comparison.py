@@ -78,3 +78,15 @@ def test_a_run_without_eal_or_without_peers_has_no_comparison_with_them():
     (row,) = comparison(make_folds({("x", 0, 50): {"EAL": 1.0}}), []).to_dict("records")
     assert row["eal_mm"] == pytest.approx(1)
     assert np.isnan(row["over_peer"])
+
+
+def test_a_set_that_peers_have_not_reached_has_no_best_one():
+    """As where a run was gone on with by EAL alone: the others keep theirs."""
+    folds = pd.concat(
+        [make_folds({("x", 0, 50): {"EAL": 1.0, "a": 2.0}}), make_folds({("x", 0, 50): {"EAL": 3.0}}, name="other")]
+    )
+    rows = comparison(folds, ["a"]).set_index("set")
+    assert rows.loc["other", "best_peer"] == ""
+    assert rows.loc["other", "eal_mm"] == pytest.approx(3)
+    assert np.isnan(rows.loc["other", "over_peer"])
+    assert sorted(rows["best_peer"]) == ["", "a"]

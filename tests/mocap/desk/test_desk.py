@@ -632,7 +632,9 @@ def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path,
     """Ctrl-C reaches the processes that import and read, too, ``kill`` the command alone: one line, nothing is left."""
     words = ["desk", str(scene.folder), "--calibration", str(scene.folder / "calibration.toml"), "--fps", str(FPS)]
     script = (
-        f"import sys; from mocap.cli.main import main; sys.argv = {['mocap', *words, '--out', str(tmp_path)]}; main()"
+        "import faulthandler, signal, sys; faulthandler.dump_traceback_later(120, exit=True); "  # where it waits
+        "signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell that runs tests behind it ignores it
+        f"from mocap.cli.main import main; sys.argv = {['mocap', *words, '--out', str(tmp_path)]}; main()"
     )
     environment = {**os.environ, "BROWSER": "true"}
     with subprocess.Popen(
@@ -648,7 +650,7 @@ def test_a_desk_that_is_ended_while_it_reads_shows_no_traceback(scene, tmp_path,
         time.sleep(after_s)
         (os.killpg if name == "SIGINT" else os.kill)(run.pid, getattr(signal, name))
         said = run.stdout.read()  # to its end: no process holds it any more
-        assert run.wait() == 0
+        assert run.wait() == 0, said
     assert "Traceback" not in said
     assert said.splitlines()[-1].startswith(f"The desk ended ({name})")
     assert not list(_group(run.pid))

@@ -136,7 +136,7 @@ def starts_of(prior: PosePrior, views: Views, *, every: int) -> Starts:
 
 
 def first_poses(recorded: Recorded, found: Starts) -> tuple[Poses, Poses]:
-    """The likeliest path through starts of some frames, and its mirror image.
+    """The likeliest path through starts of some frames, and the likeliest through those that are turned over from it.
 
     All starts of a frame are kept until the path through all frames decides among them (Viterbi 1967), by what each
     costs and by how far trials move in that time.
@@ -156,9 +156,10 @@ def first_poses(recorded: Recorded, found: Starts) -> tuple[Poses, Poses]:
 
 
 def _turned_over(recorded: Recorded, at: Poses, path: Poses) -> NDArray[np.bool_]:
-    """Which poses lie nearer to the mirror image of a path, as the camera that sees most has it, than to the path.
+    """(S,) whether each pose is turned nearer to the mirror image of its pose of the path than to that.
 
-    The shape changes with it: a wing that is raised is lowered there. Starts of other shapes show both.
+    The mirror image is as the camera that sees most has it: reflected along the line of sight, and in the flat side of
+    the mean body. A wing that is raised is lowered there: starts of all shapes are asked.
     """
     matrix = recorded.views.matrices[int(np.argmax(recorded.views.seen.sum(axis=(1, 2))))]
     axis = path.position_m + np.linalg.solve(matrix[:, :3], matrix[:, 3])

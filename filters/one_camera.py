@@ -37,8 +37,8 @@ ALARMS = 0.01
 measured."""
 
 REACHES = 0.3
-"""Share of the squared distance to the mirror image, the mean square if it is that probable, at which intervals of 95 %
-reach it: 1.96 times the root is 1.07."""
+"""Least share of the squared distance to the mirror image that variances get, so that 95 % intervals reach it: 1.96
+times the root of 0.3 is 1.07. Above it the share is the probability, which makes the variance the mean square."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

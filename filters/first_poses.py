@@ -125,7 +125,7 @@ def starts_of(prior: PosePrior, views: Views, *, every: int) -> Starts:
     Raises:
         FilterError: no frame shows enough markers.
     """
-    camera = int(np.argmax(views.seen.sum(axis=(1, 2))))
+    camera = views.main
     found = {frame: looks_like(prior, views, camera, frame) for frame in range(0, views.uv_px.shape[1], every)}
     some = {frame: one for frame, one in found.items() if one is not None}
     if not some:
@@ -161,7 +161,7 @@ def _turned_over(recorded: Recorded, at: Poses, path: Poses) -> NDArray[np.bool_
     The mirror image is as the camera that sees most has it: reflected along the line of sight, and in the flat side of
     the mean body. A wing that is raised is lowered there: starts of all shapes are asked.
     """
-    matrix = recorded.views.matrices[int(np.argmax(recorded.views.seen.sum(axis=(1, 2))))]
+    matrix = recorded.views.matrices[recorded.views.main]
     axis = path.position_m + np.linalg.solve(matrix[:, :3], matrix[:, 3])
     axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
     mean = recorded.prior.mean.reshape(-1, 3)

@@ -267,7 +267,7 @@ def marked(
 
 def _axes(views: Views, at: Poses) -> Array:
     """(3, 3) from the mean body to the camera that sees most."""
-    matrix = views.matrices[int(np.argmax(views.seen.sum(axis=(1, 2))))]
+    matrix = views.matrices[views.main]
     matrix = matrix * np.sign(np.median(at.position_m @ matrix[2, :3] + matrix[2, 3]))
     axes = np.linalg.qr(matrix[::-1, :3].T)[0].T[::-1]
     axes = axes * np.sign(np.sum(axes * matrix[:, :3], axis=1))[:, None]

@@ -34,6 +34,11 @@ class Views:
         """(C, T, M)."""
         return np.isfinite(self.uv_px[..., 0])
 
+    @property
+    def main(self) -> int:
+        """The camera that sees most."""
+        return int(np.argmax(self.seen.sum(axis=(1, 2))))
+
     def frames(self, index: NDArray[np.int64]) -> "Views":
         """These frames."""
         return replace(self, uv_px=self.uv_px[:, index], sd_px=self.sd_px[:, index])

@@ -33,7 +33,7 @@ import pandas as pd
 from mocap.datasets.real import folder
 from mocap.filters.first_poses import settled, starts_of
 from mocap.filters.motion.potential import Bones
-from mocap.filters.one_camera import Found, LeftOut, jitter_px, left_out, px_per_m, shown, track_views
+from mocap.filters.one_camera import Found, LeftOut, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import Barrier, PosePrior, learn_prior
 from mocap.filters.poses import MarkerTrial, poses_of
@@ -157,7 +157,7 @@ def held(prior: PosePrior) -> dict[str, PosePrior]:
 def frame_by_frame(prior: PosePrior, views: Views) -> Array:
     """(T, M, 3) the shape that fits each frame best when it is placed there; NaN where too little is seen."""
     found = starts_of(prior, views, every=1)
-    scale = px_per_m(views, found.position_m)[:, None, None]
+    scale = views.px_per_m(found.position_m)[:, None, None]
     wide = replace(views, sd_px=np.hypot(views.sd_px, scale * prior.left_sd[::3]))
     count = [len(one.z) for one in found.poses]
     joined = Poses(
@@ -290,9 +290,11 @@ def _of_teachers(
         centre = -np.linalg.solve(own.matrices[camera, :, :3], own.matrices[camera, :, 3])
         trusted: list[LeftOut] = []
 
-        def doubt(noise_m: float, axes: Array, trusted: list[LeftOut] = trusted) -> LeftOut:
+        def doubt(
+            told: PosePrior, noise_m: float, lasting: float, axes: Array, trusted: list[LeftOut] = trusted
+        ) -> LeftOut:
             if not trusted:  # by V_z, of all methods
-                trusted.append(left_out(prior, some, trunk, noise_m, axes))
+                trusted.append(left_out(told, noise_m, lasting, axes, trials=some, trunk=trunk))
             return trusted[0]
 
         found: dict[str, tuple[Array, Array | None]] = {}

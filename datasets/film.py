@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from mocap.datasets.observe import Digitiser, click_noise, lost, misplace
+from mocap.datasets.observe import Digitiser, click_noise, lasting_errors, lost, misplace
 from mocap.datasets.occlusion import Solid, occluded
 from mocap.datasets.rig import picture_size
 from numpy.typing import NDArray
@@ -177,7 +177,7 @@ def film(
         neighbours=[(index[b.a], index[b.b]) for b in scene.skeleton.bones],
         clusters=[[index[marker] for marker in cluster] for cluster in scene.clusters],
     )
-    uv_px = exact_px + click_noise(rng, hidden.shape, digitiser)
+    uv_px = exact_px + click_noise(rng, hidden.shape, digitiser) + lasting_errors(rng, hidden.shape, digitiser)
     uv_px[hidden | missing] = np.nan
     uv_px, outlier = misplace(rng, uv_px, digitiser)
     pixels = PixelTracks(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from eal.arrays import Array
 
@@ -26,6 +27,8 @@ class Digitiser:
         misclick_share: Share of clicks that land elsewhere.
         misclick_px: Least and greatest distance of those.
         swap_share: Share of clicks exchanged with those of the nearest other marker in the image.
+        lasting_px: Standard deviation of errors that last, as a network's do: of each marker in each camera.
+        lasting_frames: Shortest and longest time in which these lose all but 1/e of their correlation; log-uniform.
     """
 
     core_px: float = 0.6
@@ -40,10 +43,12 @@ class Digitiser:
     misclick_share: float = 0.0025
     misclick_px: tuple[float, float] = (20.0, 80.0)
     swap_share: float = 0.0005
+    lasting_px: float = 0.0
+    lasting_frames: tuple[float, float] = (10.0, 60.0)
 
     @property
     def sd_px(self) -> float:
-        """Standard deviation of a click that is not an outlier."""
+        """Standard deviation of a click that is not an outlier, without errors that last."""
         return float(np.sqrt((1 - self.tail_share) * self.core_px**2 + self.tail_share * self.tail_px**2))
 
 
@@ -65,6 +70,21 @@ def click_noise(rng: np.random.Generator, shape: tuple[int, ...], digitiser: Dig
     careless = rng.random(shape) < digitiser.tail_share
     width = np.where(careless, digitiser.tail_px, digitiser.core_px)
     return width[..., None] * rng.standard_normal((*shape, 2))
+
+
+def lasting_errors(rng: np.random.Generator, shape: tuple[int, int, int], digitiser: Digitiser) -> Array:
+    """(C, T, M, 2) errors in pixels that last: autoregressive of the first order, begun at their usual size."""
+    n_cameras, n_frames, n_markers = shape
+    errors = np.zeros((*shape, 2))
+    if digitiser.lasting_px == 0:
+        return errors  # and draw nothing: recordings of a seed stay what they are
+    for camera, marker in np.ndindex(n_cameras, n_markers):
+        kept = np.exp(-1 / np.exp(rng.uniform(*np.log(digitiser.lasting_frames))))
+        kicks = rng.standard_normal((n_frames, 2)) * np.sqrt(1 - kept**2)
+        kicks[0] /= np.sqrt(1 - kept**2)
+        series = np.asarray(lfilter([1.0], [1.0, -kept], kicks, axis=0))
+        errors[camera, :, marker] = digitiser.lasting_px * series
+    return errors
 
 
 def lost(

@@ -146,13 +146,22 @@ def first_poses(recorded: Recorded, found: Starts) -> tuple[Poses, Poses]:
     there = replace(recorded, views=views.frames(np.repeat(frames, count)))
     starts, cost = settled(there, _joined(found.poses))
     cuts = np.cumsum(count)
-    path = _path(prior, starts, cost, cuts, frames)
+    vague = _vague(there, starts)
+    path = _path(prior, starts, vague, cost, cuts, frames)
     twin = np.concatenate([(np.arange(k) + k // 2) % k for k in count]) + np.repeat(cuts - count, count)
     mirrored = _turned_over(recorded, starts, starts.of(np.repeat(path, count)))
     mirrored[twin[path]] = True  # so that each frame has one
-    other = _path(prior, starts, np.where(mirrored, cost, np.inf), cuts, frames)
+    other = _path(prior, starts, vague, np.where(mirrored, cost, np.inf), cuts, frames)
     steps = views.uv_px.shape[1]
     return between(starts.of(path), frames, steps), between(starts.of(other), frames, steps)
+
+
+def _vague(there: Recorded, at: Poses) -> Array:
+    """(S, 3, 3) how uncertain the place is that each start has in its own frame: metres along the line of sight."""
+    form = there.local(at)[1][:, :-1, :-1]
+    scale = np.sqrt(np.maximum(np.einsum("sii->si", form), 1e-300))
+    unit = form / scale[:, :, None] / scale[:, None] + 1e-9 * np.eye(form.shape[1])
+    return np.linalg.inv(unit)[:, :3, :3] / scale[:, :3, None] / scale[:, None, :3]
 
 
 def _turned_over(recorded: Recorded, at: Poses, path: Poses) -> NDArray[np.bool_]:
@@ -181,9 +190,13 @@ def _joined(parts: list[Poses]) -> Poses:
 
 
 def _path(
-    prior: PosePrior, at: Poses, cost: Array, cuts: NDArray[np.int64], frames: NDArray[np.int64]
+    prior: PosePrior, at: Poses, vague: Array, cost: Array, cuts: NDArray[np.int64], frames: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """The starts, one of each frame, that cost least together with the ways between them."""
+    """The starts, one of each frame, that cost least together with the ways between them.
+
+    Places are as uncertain as each frame alone leaves them: depths that scatter by metres say nothing of which
+    orientations follow each other.
+    """
     parts = np.split(np.arange(len(cost)), cuts[:-1])
     stiff = np.linalg.inv(prior.step)
     total, came = cost[parts[0]], []
@@ -192,8 +205,11 @@ def _path(
         turn = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(len(before), len(here), 3)
         moved = at.position_m[here][None] - at.position_m[before][:, None]
         change = at.z[here][None] - at.z[before][:, None]
-        way = np.sum(np.concatenate([moved, turn], axis=-1) ** 2 / prior.body_step, axis=-1)
+        way = np.sum(turn**2 / prior.body_step[3:], axis=-1)
         way = 0.5 * (way + np.einsum("abi,ij,abj->ab", change, stiff, change, optimize=True)) / lag**2
+        spread = vague[before][:, None] + vague[here] + lag**2 * np.diag(prior.body_step[:3])
+        way += 0.5 * np.einsum("abi,abi->ab", moved, np.linalg.solve(spread, moved[..., None])[..., 0])
+        way += 0.5 * np.linalg.slogdet(spread)[1]
         every = total[:, None] + way
         came.append(every.argmin(axis=0))
         total = every.min(axis=0) + cost[here]

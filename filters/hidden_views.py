@@ -6,6 +6,7 @@ import numpy as np
 from mocap.filters.hidden_gaps import gaps_like_own
 from mocap.filters.hide import Hidden
 from mocap.filters.interpolate import interpolated
+from mocap.filters.misfit import POSED
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.one_camera import FittedViews
 from mocap.filters.one_view import Views
@@ -35,19 +36,21 @@ def filled_views(
         seen = views.frames(first + np.arange(len(hidden.trial.t_s)))
         shown = replace(seen, uv_px=_without(hidden, seen.uv_px))
         found = fitted.fill(shown, progress=progress)
-        missed = across(hidden, seen, found.xyz_m, found.cov_m2)
+        missed = across(hidden, seen, found.xyz_m, found.cov_m2, clicks_m=found.own["misfit"][0] * np.sqrt(1 - POSED))
         missed = missed.some(np.isfinite(missed.error_m[:, 0]))  # poses unlike those of trials are left empty
         if len(missed.error_m):
             return _curves(hidden, seen, shown) | {name: missed.score()}
     return {}
 
 
-def across(hidden: Hidden[MarkerTrial], views: Views, xyz_m: Array, cov_m2: Array) -> Residuals:
+def across(
+    hidden: Hidden[MarkerTrial], views: Views, xyz_m: Array, cov_m2: Array, *, clicks_m: float = 0.0
+) -> Residuals:
     """What positions (T, M, 3) with their covariance miss hidden pixels by, in metres across the line of sight.
 
     With h(x) the projection and H its slope at the estimate, a pixel misses by u - h(x), whose variance is H P H' and
     that of the pixel; a metre across is sqrt(s1 s2) pixels, by the singular values of H. Of Student's t with scale s
-    and nu degrees of freedom the variance is s^2 nu / (nu - 2).
+    and nu degrees of freedom the variance is s^2 nu / (nu - 2). Clicks that stay off by ``clicks_m`` are so in both.
     """
     where, (miss, slope) = _hidden_rays(hidden, views), views.seen_from(xyz_m)
     miss, slope = miss[where], slope[where]
@@ -56,7 +59,7 @@ def across(hidden: Hidden[MarkerTrial], views: Views, xyz_m: Array, cov_m2: Arra
     return Residuals(
         error_m=miss / metre[:, None],
         variance=np.diagonal(cov, axis1=1, axis2=2) / metre[:, None] ** 2,
-        noise=(views.sd_px[where] / metre) ** 2 * views.dof / (views.dof - 2),
+        noise=((views.sd_px[where] / metre) ** 2 + clicks_m**2) * views.dof / (views.dof - 2),
         gap=hidden.gap[hidden.mask],
         length=hidden.length[hidden.mask],
     )
@@ -81,7 +84,8 @@ def _hidden_rays(hidden: Hidden[MarkerTrial], views: Views) -> tuple[NDArray[np.
 
 def _px_per_m(slope: Array) -> Array:
     """(n,) pixels of a metre across the line of sight, by slopes (n, 2, 3) of the projection."""
-    return np.linalg.det(slope @ np.swapaxes(slope, 1, 2)) ** 0.25
+    (a, b), (c, d) = np.moveaxis(slope @ np.swapaxes(slope, 1, 2), 0, -1)
+    return (a * d - b * c) ** 0.25
 
 
 def _without(hidden: Hidden[MarkerTrial], uv_px: Array) -> Array:

@@ -5,14 +5,16 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from mocap.filters.errors import FilterError
-from mocap.filters.first_poses import between, first_poses, settled, starts_of
+from mocap.filters.first_poses import Starts, between, first_poses, settled, starts_of
+from mocap.filters.misfit import POSED, Matern, Misfit, misfit
 from mocap.filters.moving import Rates
 from mocap.filters.observations import WHOLE
 from mocap.filters.observe import Observed
-from mocap.filters.one_view import Poses, Recorded, Views
+from mocap.filters.one_view import Poses, Recorded, Views, counted_once
 from mocap.filters.pose_prior import LEAST_MARKERS, PosePrior, learn_prior, running
 from mocap.filters.poses import MarkerTrial, poses_of
 from mocap.filters.rays_and_bones import held_by_bones
@@ -36,6 +38,10 @@ ALARMS = 0.01
 """Share of the frames of a trial like those that were learned from whose poses are called unlike them. Chosen; not
 measured."""
 
+LARGEST = 1 / np.sqrt(3)
+"""Share of what poses spread by that a coordinate may be off beyond what trials tell: with more, markers are off their
+poses by as much as poses differ, and all frames stay empty. Chosen."""
+
 REACHES = 0.3
 """Least share of the squared distance to the mirror image that variances get, so that 95 % intervals reach it: 1.96
 times the root of 0.3 is 1.07. Above it the share is the probability, which makes the variance the mean square."""
@@ -51,12 +57,13 @@ class Found:
         poses: The most probable trajectory.
         costs: What it cost after each step of the last search.
         other: Probability of the mirror image.
-        unlike: (T,) frames whose seen markers fit worse than ``LeftOut.most``; where no trial tells that, worse than
-            where deviations are right (``Views.fair``).
+        unlike: (T,) frames whose seen markers fit worse than where deviations are right (``Views.fair``) and than
+            ``LeftOut.most``; all, where the misfit exceeds ``LARGEST``.
         wider: (T,) what deviations were multiplied by, as ``LeftOut.wider`` says.
         residual_px: (T, M) what is left of the rays.
         loose: Whether bones did not lead to an end, and poses are those of rays alone.
         left_out: How trials fared that were left out.
+        misfit: What was missed beyond what trials tell.
     """
 
     estimate: Estimate
@@ -69,6 +76,7 @@ class Found:
     residual_px: Array
     loose: bool
     left_out: "LeftOut"
+    misfit: Misfit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,6 +98,10 @@ class LeftOut:
     wider: Array
     error_m: float = np.nan
     spread_m: float = np.nan
+
+    def limit(self, views: Views) -> float:
+        """``strange`` of frames that are unlike those of the trials."""
+        return max(self.most, views.fair) if np.isfinite(self.most) else views.fair
 
 
 UNDOUBTED = LeftOut(most=np.inf, strange=np.zeros(1), wider=np.ones(1))
@@ -115,9 +127,9 @@ class Left:
     @cached_property
     def _root(self) -> sparse.csr_array:
         """(T, T) rows whose squares are twice the cost: each frame given the two before it, in its deviations."""
-        rho, steps = self.decay, len(self.xyz_m)
-        c = 2 * rho / (1 + rho**2)  # correlation of neighbours
-        share = np.full(steps, (1 - rho**2) ** 3 / (1 + rho**2))
+        rho, steps, process = self.decay, len(self.xyz_m), Matern(rho=self.decay)
+        c = process.correlations[1]
+        share = np.full(steps, process.noise)
         share[:2] = np.array([1, 1 - c**2])[:steps]
         columns = np.tile([[1.0], [-2 * rho], [rho**2]], steps)
         columns[1, 0] = -c
@@ -161,19 +173,11 @@ def shown(seen: NDArray[np.bool_]) -> slice:
     return slice(int(frames[0]), int(frames[-1]) + 1) if len(frames) else slice(0, 0)
 
 
-def px_per_m(views: Views, position_m: Array) -> Array:
-    """(C,) pixels of a metre across the line of sight, at a place (3,)."""
-    m = views.matrices
-    size = np.linalg.norm(m[:, 2, :3], axis=1)
-    across = np.linalg.norm(np.cross(m[:, :2, :3], m[:, 2:, :3]), axis=-1)
-    return np.sqrt(across.prod(axis=1)) / size / np.abs(m[:, 2, :3] @ position_m + m[:, 2, 3])
-
-
 def track_views(
     prior: PosePrior,
     views: Views,
     *,
-    doubt: Callable[[float, Array], LeftOut] = lambda _noise_m, _axes: UNDOUBTED,
+    doubt: Callable[[PosePrior, float, float, Array], LeftOut] = lambda _prior, _noise_m, _lasting, _axes: UNDOUBTED,
     rate_points: RatePoints | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Found:
@@ -182,8 +186,9 @@ def track_views(
     Args:
         prior: What trials tell.
         views: What was seen; deviations are those of the pixels alone.
-        doubt: How trials fared that were left out (``left_out``), by the noise of rays in metres where the animal is
-            and the axes of the mean body to the camera's.
+        doubt: How trials fared that were left out (``left_out``), by what trials and the recording's misfit tell, the
+            noise of rays in metres where the animal is, the share of it that lasts, and the axes of the mean body to
+            the camera's.
         rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
 
@@ -192,32 +197,30 @@ def track_views(
     """
     tell = progress or (lambda _share: None)
     starts = starts_of(prior, views, every=every_so_many(prior))
-    scale = px_per_m(views, starts.position_m)[:, None, None]
+    scale = views.px_per_m(starts.position_m)[:, None, None]
     views = replace(views, sd_px=np.maximum(views.sd_px, scale * prior.noise_m))
-    # what shapes leave is noise of the rays at first. It does not change with what is estimated: an animal that is
-    # thought to be nearer would err by less, and what is most probable would be too near (by 5 to 10 % of the depth)
-    recorded = Recorded(prior=prior, views=replace(views, sd_px=np.hypot(views.sd_px, scale * prior.left_sd[::3])))
-    ends = []
-    for k, start in enumerate(first_poses(recorded, starts)):
-        costs: list[float] = []
-        tell(0.2 + 0.3 * k)
-        with suppress(FilterError):  # a mirror image that leads nowhere is not the other pose
-            ends.append((most_probable(recorded, start, tell=costs.append), costs))
-    if not ends:
-        raise FilterError("poses could not be found from this camera: no search came to an end")
-    ends.sort(key=lambda end: end[1][-1])
-    (best, lower), (second, higher) = ends[0], ends[-1]
+    recorded, ends = _searched(prior, views, scale, starts)
+    tell(0.4)
+    beyond = misfit(prior, views, scale, recorded, ends[0].poses)
+    if beyond.found:
+        recorded, ends, beyond = _with_misfit(prior, views, scale, starts, recorded, ends, beyond)
+        prior, views = beyond.told(prior, views, scale)
+    else:
+        beyond = Misfit()
+    tell(0.6)
+    (best, costs), (second, more) = ends[0], ends[-1]
     apart = (recorded.markers(second) - recorded.markers(best)).reshape(len(best.z), -1)
     same = np.sqrt(np.mean(apart**2)) < 0.01 * np.sqrt(np.mean(prior.mean**2))  # of the animal: one end
-    other = 0.0 if same else float(expit((lower[-1] - higher[-1]) / prior.lasts))
+    other = 0.0 if same else float(expit((costs[-1] - more[-1]) / prior.lasts))
     tell(0.8)
-    problem, costs, loose = recorded, lower, False
+    problem, loose = recorded, False
     try:
         problem, best, costs = held_by_bones(recorded, views, best)
     except FilterError:  # shapes that bones contradict, which was seen of animals unlike their trials
         loose = True
     xyz, lags = marked(problem, recorded, views, best)
-    doubted = doubt(float(np.median((views.sd_px / scale)[views.seen])), _axes(views, best))
+    noise_m = float(np.median((views.sd_px / scale)[views.seen]))
+    doubted = doubt(prior, noise_m, views.lasting, _axes(views, best))
     unlike = bridge(strange(recorded, best)[:, None])[:, 0]  # where too little is seen as in the frames around
     wider = np.sqrt(np.interp(unlike, doubted.strange, doubted.wider))
     for lag, part in enumerate(lags):
@@ -237,12 +240,60 @@ def track_views(
         poses=best,
         costs=tuple(costs),
         other=other,
-        unlike=unlike > (doubted.most if np.isfinite(doubted.most) else recorded.views.fair),
+        unlike=(unlike > doubted.limit(recorded.views)) | (beyond.sd_m > LARGEST * prior.spread_m),
         wider=wider,
         loose=loose,
         residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
         left_out=doubted,
+        misfit=beyond,
     )
+
+
+class End(NamedTuple):
+    """Where a search ended.
+
+    Attributes:
+        poses: The most probable trajectory near its start.
+        costs: What it cost after each step.
+    """
+
+    poses: Poses
+    costs: tuple[float, ...]
+
+
+def _searched(prior: PosePrior, views: Views, scale: Array, starts: Starts) -> tuple[Recorded, list[End]]:
+    """What was minimised by rays alone, and where searches ended, the likeliest first.
+
+    What shapes leave is noise of the rays here. It does not change with what is estimated: an animal that is thought to
+    be nearer would err by less, and what is most probable would be too near (by 5 to 10 % of the depth).
+    """
+    recorded = Recorded(prior=prior, views=replace(views, sd_px=np.hypot(views.sd_px, scale * prior.left_sd[::3])))
+    ends = []
+    for start in first_poses(recorded, starts):
+        costs: list[float] = []
+        with suppress(FilterError):  # a mirror image that leads nowhere is not the other pose
+            ends.append(End(most_probable(recorded, start, tell=costs.append), tuple(costs)))
+    if not ends:
+        raise FilterError("poses could not be found from this camera: no search came to an end")
+    return recorded, sorted(ends, key=lambda end: end.costs[-1])
+
+
+def _with_misfit(
+    prior: PosePrior,
+    views: Views,
+    scale: Array,
+    starts: Starts,
+    recorded: Recorded,
+    ends: list[End],
+    beyond: Misfit,
+) -> tuple[Recorded, list[End], Misfit]:
+    """Searches under the misfit that they themselves make likeliest, found by turns (EM)."""
+    for _ in range(5):  # it grows by under 5 % from the third on in simulated walks
+        recorded, ends = _searched(*beyond.told(prior, views, scale), scale, starts)
+        before, beyond = beyond, misfit(prior, views, scale, recorded, ends[0].poses)
+        if abs(beyond.sd_m - before.sd_m) < 0.05 * before.sd_m:
+            break
+    return recorded, ends, before
 
 
 def marked(
@@ -257,9 +308,7 @@ def marked(
         at: The most probable poses.
         within: See ``most_probable``.
     """
-    xyz, rows = recorded.markers(at), recorded.rows(at)
-    rows = (at.rotation[:, None] @ rows.reshape(*xyz.shape, -1)).reshape(rows.shape)
-    lags = counted_once(problem, at, rows)
+    xyz, lags = recorded.markers(at), counted_once(problem, at)
     for m in range(xyz.shape[1]):
         _add_left(recorded.prior, pixels, xyz, lags, m, within)
     return xyz, lags
@@ -292,7 +341,13 @@ def strange(recorded: Recorded, at: Poses) -> Array:
 
 
 def left_out(
-    prior: PosePrior, trials: Sequence[MarkerTrial], trunk: Sequence[int], noise_m: float, axes: Array
+    prior: PosePrior,
+    noise_m: float,
+    lasting: float,
+    axes: Array,
+    *,
+    trials: Sequence[MarkerTrial],
+    trunk: Sequence[int],
 ) -> LeftOut:
     """How far poses of trials that were not learned from are off, by how badly what was seen of them fits.
 
@@ -303,11 +358,12 @@ def left_out(
     is smooth, but not the noise of rays.
 
     Args:
-        prior: What all trials tell.
+        prior: What all trials tell, and the misfit of the recording.
+        noise_m: Deviation of the noise of rays, where the animal is.
+        lasting: Share of its variance that lasts (``Views``).
+        axes: (3, 3) of the mean body to the camera's.
         trials: As of ``learn_prior``.
         trunk: Indices of the trunk's markers.
-        noise_m: Deviation of the noise of rays, where the animal is.
-        axes: (3, 3) of the mean body to the camera's.
     """
     parts, single = list(trials), len(trials) == 1
     if single:
@@ -329,7 +385,7 @@ def left_out(
             rotation=whole.frames.rotation[some],
             z=(bridge(whole.y)[some] - part.mean) @ part.basis,
         )
-        pixels = _from_afar(own, part, at, axes, noise_m)
+        pixels = _from_afar(own, part, at, axes, noise_m, lasting)
         wider = np.hypot(1.0, part.left_sd[::3] / noise_m)
         recorded = Recorded(prior=part, views=replace(pixels, sd_px=pixels.sd_px * wider))
         start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
@@ -394,10 +450,11 @@ def _squared(xyz_m: Array, joint: Array, trial: MarkerTrial) -> Array:
     return np.where(count > 1, total / np.maximum(3 * count, 1), np.nan)
 
 
-def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noise_m: float) -> Views:
+def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noise_m: float, lasting: float) -> Views:
     """A trial as a camera sees it that looks along the last of some axes (3, 3) of the mean body.
 
-    The noise of rays is drawn; that of the trial's markers is in what shapes leave, here as in deviations.
+    The noise of rays is drawn; that of the trial's markers is in what shapes leave, here as in deviations. All of a
+    misfit is drawn as errors of clicks, as trials have no other poses than theirs.
     """
     turn = axes @ Rotation.from_matrix(at.rotation).mean().as_matrix().T
     middle = np.mean(at.position_m, axis=0)
@@ -409,53 +466,39 @@ def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noi
     matrix = np.column_stack([turn, [0.0, 0.0, distance] - turn @ middle])
     noise = noise_m / distance
     uv = local[..., :2] / local[..., 2:]
-    uv += np.random.default_rng(0).normal(scale=noise, size=uv.shape)
-    return Views(matrices=matrix[None], uv_px=uv[None], sd_px=np.full((1, *local.shape[:2]), noise))
-
-
-def counted_once(recorded: Recorded, at: Poses, rows: Array) -> list[Array]:
-    """(T - l, 3M, 3M) covariances of markers of frames t + l and t, for l = 0, 1, 2, by their poses alone.
-
-    What shapes leave of poses errs alike for some frames and is counted once in these. The size is not estimated: what
-    it may differ by moves all else as if it were known to differ so (considered, Schmidt 1966).
-
-    Args:
-        recorded: What was minimised.
-        at: Where.
-        rows: (T, 3M, n + 1) how markers change in the world with the states and the logarithm of the size.
-    """
-    form, (_, local), n = recorded.quadratic(at), recorded.local(at), rows.shape[-1] - 1
-    less = (1 - 1 / recorded.prior.lasts) * local[:, :n, :n]
-    found = factor(replace(form, band=(form.band[0] - less, *form.band[1:])))
-    moved = found.solve(-local[:, :n, n] / recorded.prior.lasts)
-    grown = recorded.prior.size_sd * (rows[..., :n] @ moved[..., None] + rows[..., n:])
-    lags = covariance(found)
-    return [
-        rows[lag:, :, :n] @ part @ np.swapaxes(rows[: len(part), :, :n], 1, 2)
-        + grown[lag:] @ np.swapaxes(grown[: len(part)], 1, 2)
-        for lag, part in enumerate(lags)
-    ]
+    rng = np.random.default_rng(0)
+    uv += np.sqrt(1 - lasting) * noise * rng.normal(size=uv.shape)
+    if lasting:
+        uv += np.sqrt(lasting / (1 - POSED)) * noise * Matern(rho=prior.left_decay).drawn(rng, uv.shape)
+    sd_px = np.full((1, *local.shape[:2]), noise)
+    return Views(matrices=matrix[None], uv_px=uv[None], sd_px=sd_px, lasting=lasting)
 
 
 def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], marker: int, within: float) -> None:
     """Move a marker by what its rays say of what shapes leave, and its covariances with it.
 
-    Where rays tell that, they take back what the pose errs by: of an error of the pose (post / prior) is left.
+    Where rays tell that, they take back what the pose errs by: of an error of the pose (post / prior) is left. Rays see
+    the sum of what shapes leave and of errors of clicks that last alike; of what they say ``share`` is the animal's.
     """
     k = slice(3 * marker, 3 * marker + 3)
-    own = replace(views, uv_px=views.uv_px[:, :, marker : marker + 1], sd_px=views.sd_px[:, :, marker : marker + 1])
-    sd = float(prior.left_sd[3 * marker])
+    sd_px = views.sd_px[:, :, marker : marker + 1]
+    place = np.median(xyz_m[:, marker], axis=0)
+    clicks_m = np.sqrt(views.lasting) * float(np.median(sd_px[:, :, 0] / views.px_per_m(place)[:, None]))
+    left_sd, process = float(prior.left_sd[3 * marker]), Matern(rho=prior.left_decay)
+    sd = float(np.hypot(left_sd, clicks_m))
+    share = (left_sd / sd) ** 2
+    own = replace(views, uv_px=views.uv_px[:, :, marker : marker + 1], sd_px=np.sqrt(1 - views.lasting) * sd_px)
     problem = Left(views=own, xyz_m=xyz_m[:, marker : marker + 1].copy(), sd_m=sd, decay=prior.left_decay)
     left = np.zeros((len(xyz_m), 3))
     with suppress(FilterError):  # rays that are hundreds of deviations off are hardly believed: the shape's place stays
         left = most_probable(problem, left, within=within)
-    block = covariance(factor(problem.quadratic(left)))
-    kept = block[0] / sd**2
+    block, same = covariance(factor(problem.quadratic(left))), process.correlations
+    kept = np.eye(3) - share * (np.eye(3) - block[0] / sd**2)
     for lag, part in enumerate(lags):
         part[:, k] = kept[lag:] @ part[:, k]
         part[:, :, k] = part[:, :, k] @ np.swapaxes(kept[: len(part)], 1, 2)
-        part[:, k, k] += block[lag]
-    xyz_m[:, marker] += left
+        part[:, k, k] += share**2 * block[lag] + share * (1 - share) * sd**2 * same[lag] * np.eye(3)
+    xyz_m[:, marker] += share * left
 
 
 def _observed(recorded: Recorded, views: Views, pose_m: Array, xyz_m: Array) -> list[Observed]:

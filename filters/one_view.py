@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from mocap.filters.pose_prior import PosePrior
-from mocap.filters.trajectory import Quadratic
+from mocap.filters.trajectory import Quadratic, covariance, factor
 from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -22,12 +22,14 @@ class Views:
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
         sd_px: (C, T, M) scale of Student's t that their errors follow.
         dof: Its degrees of freedom.
+        lasting: Share of their variance that lasts from frame to frame as what shapes leave of poses does.
     """
 
     matrices: Array
     uv_px: Array
     sd_px: Array
     dof: float = 5.0
+    lasting: float = 0.0
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
@@ -59,6 +61,13 @@ class Views:
         slope = self.matrices[:, None, None, :2, :3] - at[..., None] * self.matrices[:, None, None, 2:, :3]
         seen = self.seen[..., None]
         return np.where(seen, self.uv_px - at, 0.0), np.where(seen[..., None], slope / h[..., 2, None, None], 0.0)
+
+    def px_per_m(self, position_m: Array) -> Array:
+        """(C,) pixels of a metre across the line of sight, at a place (3,)."""
+        m = self.matrices
+        size = np.linalg.norm(m[:, 2, :3], axis=1)
+        across = np.linalg.norm(np.cross(m[:, :2, :3], m[:, 2:, :3]), axis=-1)
+        return np.sqrt(across.prod(axis=1)) / size / np.abs(m[:, 2, :3] @ position_m + m[:, 2, 3])
 
     @property
     def fair(self) -> float:
@@ -257,3 +266,29 @@ def positive(matrices: Array) -> Array:
     """(..., r, r) symmetric matrices without their negative eigenvalues."""
     values, vectors = np.linalg.eigh(matrices)
     return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def counted_once(recorded: Recorded, at: Poses) -> list[Array]:
+    """(T - l, 3M, 3M) covariances of markers of frames t + l and t, for l = 0, 1, 2, by their poses alone.
+
+    What shapes leave of poses errs alike for some frames and is counted once in these. The size is not estimated: what
+    it may differ by moves all else as if it were known to differ so (considered, Schmidt 1966).
+
+    Args:
+        recorded: What was minimised.
+        at: Where.
+    """
+    n = 6 + recorded.prior.rank
+    rows = recorded.rows(at).reshape(len(at.z), -1, 3, n + 1)  # how markers change with the states and the size
+    rows = (at.rotation[:, None] @ rows).reshape(len(at.z), -1, n + 1)
+    form, (_, local) = recorded.quadratic(at), recorded.local(at)
+    less = (1 - 1 / recorded.prior.lasts) * local[:, :n, :n]
+    found = factor(replace(form, band=(form.band[0] - less, *form.band[1:])))
+    moved = found.solve(-local[:, :n, n] / recorded.prior.lasts)
+    grown = recorded.prior.size_sd * (rows[..., :n] @ moved[..., None] + rows[..., n:])
+    lags = covariance(found)
+    return [
+        rows[lag:, :, :n] @ part @ np.swapaxes(rows[: len(part), :, :n], 1, 2)
+        + grown[lag:] @ np.swapaxes(grown[: len(part)], 1, 2)
+        for lag, part in enumerate(lags)
+    ]

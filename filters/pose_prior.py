@@ -122,6 +122,11 @@ class PosePrior:
         """Frames that what shapes leave errs alike for."""
         return lasting_frames(self.left_decay)
 
+    @property
+    def spread_m(self) -> float:
+        """RMS distance of a marker from where the mean of all shapes has it."""
+        return float(np.sqrt(self.shapes.var(axis=0).sum() / self.markers))
+
     def gaussian(self) -> QuadraticPrior:
         """The Gaussian of its shapes."""
         cov = np.cov(self.shapes.T).reshape(self.rank, self.rank)

@@ -35,6 +35,9 @@ class Quadratic:
     band: tuple[Array, ...]
 
 
+SLOW = 10
+"""Steps after which a search goes on along the sum of the last two. Chosen: most end before."""
+
 X = TypeVar("X")
 
 
@@ -137,10 +140,11 @@ def most_probable(
         FilterError: the cost at the start is not finite, or no end was found.
     """
     at, least, damping = start, problem.cost(start), 1e-3
+    before = np.zeros(1)
     if not np.isfinite(least):
         raise FilterError("the most probable trajectory: the start is impossible")
     form = problem.quadratic(at)
-    for _ in range(100):
+    for count in range(100):
         try:
             step = factor(form, damping).solve(-form.gradient)
         except np.linalg.LinAlgError:
@@ -154,10 +158,15 @@ def most_probable(
             short = problem.moved(at, gain / (2 * bend) * step)
             less = problem.cost(short)
             if less < cost:
-                there, cost = short, less
+                there, cost, step = short, less, gain / (2 * bend) * step
         if cost <= least:
             at, least = there, cost
-            tell(cost)
+            if count >= SLOW:
+                at, least, more = further(problem, at, least, step)
+                at, least, most = further(problem, at, least, step + more + before)
+                step = step + more + most
+            before = step
+            tell(least)
             if gain <= within**2 and damping <= 0.1:
                 return at
             form = problem.quadratic(at)
@@ -167,3 +176,19 @@ def most_probable(
         else:
             damping = max(10 * damping, 1e-6)
     raise FilterError("the most probable trajectory was not found in 100 steps: the last still moved it")
+
+
+def further(problem: Problem[X], at: X, cost: float, along: Array) -> tuple[X, float, Array]:
+    """A trajectory, its cost and the step that led there, twice as far along a direction as long as that costs less.
+
+    Steps that creep down a valley, as along a depth of which pixels tell little, add up to its direction (parallel
+    tangents: Shah, Buehler & Kempthorne 1964).
+    """
+    length, moved = 1.0, np.zeros_like(along)
+    for _ in range(20):
+        there = problem.moved(at, length * along)
+        new = problem.cost(there)
+        if not new < cost:
+            break
+        at, cost, moved, length = there, new, moved + length * along, 2 * length
+    return at, cost, moved

@@ -104,6 +104,7 @@ class Kind(StrEnum):
     MIRROR_IMAGE = "mirror image"
     UNLIKE_POSES = "unlike poses"
     POOR_VIEW = "poor view"
+    MISFIT = "misfit"
     WIDER_INTERVALS = "wider intervals"
     UNKNOWN_POSITIONS = "unknown positions"
     ONE_TRIAL = "one trial"

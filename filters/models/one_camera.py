@@ -36,8 +36,9 @@ class FittedViews:
         """The most probable poses, NaN in frames whose poses are unlike those of the trials.
 
         ``Estimate.own`` has of these ``unlike`` (T,), what deviations were multiplied by, ``wider`` (T,), the
-        probability of the ``mirror_image``, ``residual_px`` (T, M), whether bones had to be ``loose``, and
-        what trials that were left out erred by in such a view and spread by, ``left_out_m`` (2,).
+        probability of the ``mirror_image``, ``residual_px`` (T, M), whether bones had to be ``loose``, what trials that
+        were left out erred by in such a view and spread by, ``left_out_m`` (2,), and what was missed beyond what trials
+        tell, in m, px and s, ``misfit`` (3,).
 
         Args:
             observations: What was seen; deviations are those of the pixels alone.
@@ -50,7 +51,7 @@ class FittedViews:
         found = track_views(
             self.prior,
             observations,
-            doubt=partial(left_out, self.prior, self.trials, self.trunk),
+            doubt=partial(left_out, trials=self.trials, trunk=self.trunk),
             rate_points=rate_points,
             progress=progress,
         )
@@ -63,6 +64,7 @@ class FittedViews:
                 "mirror_image": np.array(found.other),
                 "residual_px": found.residual_px,
                 "loose": np.array(found.loose),
+                "misfit": np.array([found.misfit.sd_m, found.misfit.sd_px, found.misfit.half_life_s]),
                 "left_out_m": np.array([found.left_out.error_m, found.left_out.spread_m]),
             },
         )

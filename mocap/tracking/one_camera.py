@@ -121,6 +121,7 @@ def _cleaned(film: Recording, part: Recording, found: Estimate, noise: float, tr
     rays = np.full(film.ideal_px.shape[:3], noise)
     wider, loose = own["wider"][~own["unlike"]], bool(own["loose"])
     told = _told(other if other > RARE else None, int(own["unlike"].sum()), wider, trials=trials, loose=loose)
+    told += _off(*map(float, own["misfit"]), dt_s=part.dt_s, empty=bool(own["unlike"].all()))
     told += _poor(*map(float, own["left_out_m"]))
     return written(
         film,
@@ -182,6 +183,21 @@ def _told(other: float | None, strange: int, wider: Array, *, trials: int, loose
         text = "no poses fit both the pixels and the bones of the model: check that it is of this animal"
         found.append(Finding(kind=Kind.BONES_NOT_KEPT, text=text))
     return found
+
+
+def _off(sd_m: float, sd_px: float, half_life_s: float, *, dt_s: float, empty: bool) -> list[Finding]:
+    """That markers are off their poses by more than trials tell, for so long; 0: they are not."""
+    if sd_m == 0:
+        return []
+    text = (
+        f"markers are off the poses of the trials by {sd_px:.2g} px ({1e3 * sd_m:.2g} mm) beyond what trials show that "
+        f"are left out (standard deviation of a coordinate; it lasts {half_life_s / dt_s:.0f} frames): clicks that "
+        "stay off, or poses that differ; one camera cannot tell which, and intervals are as wide as either needs"
+    )
+    if empty:
+        text += ". That is as much as poses differ by, and nothing is shown: learn from trials of such movements"
+    numbers = {"sd_m": sd_m, "sd_px": sd_px, "half_life_s": half_life_s}
+    return [Finding(kind=Kind.MISFIT, text=text, numbers=numbers)]
 
 
 def _poor(error_m: float, spread_m: float) -> list[Finding]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mocap.datasets import PERFECT, Digitiser, make_bat, make_lizard
-from mocap.datasets.observe import click_noise, lost, misplace
+from mocap.datasets.observe import click_noise, lasting_errors, lost, misplace
 
 from mocap.cameras.camera import record
 
@@ -94,3 +94,12 @@ def test_bursts_of_one_camera_leave_the_others_alone():
     assert abs(missing.mean() / share - 1) < 0.12
     together = (missing[0] & missing[1]).mean()
     assert together < 3 * share**2
+
+
+def test_errors_last_as_stated():
+    """Of 8 px and 20 frames: 400 series of 400 frames, which are 20 times 400 independent values or more."""
+    digitiser = Digitiser(lasting_px=8.0, lasting_frames=(20.0, 20.0))
+    errors = lasting_errors(np.random.default_rng(0), (20, 400, 20), digitiser)
+    assert np.std(errors) == pytest.approx(8.0, rel=0.03)
+    assert np.std(errors[:, 0]) == pytest.approx(8.0, rel=0.1)
+    assert np.mean(errors[:, 20:] * errors[:, :-20]) / 64 == pytest.approx(np.exp(-1), abs=0.03)

@@ -142,7 +142,7 @@ def test_trials_left_out_are_tracked_to_one_deviation_and_alarm_in_one_of_a_hund
     monkeypatch.setattr(one_camera, "strange", lambda *_: np.linspace(0, 1, frames))
     monkeypatch.setattr(one_camera, "_squared", lambda *_: np.ones(frames))
     trials = [trial_of(np.zeros((frames, 1, 3))) for _ in range(2)]
-    found = one_camera.left_out(prior, trials, (0,), 1e-3, np.eye(3))
+    found = one_camera.left_out(prior, 1e-3, 0.0, np.eye(3), trials=trials, trunk=(0,))
     assert found.most == pytest.approx(most)
 
 

@@ -117,7 +117,7 @@ def test_noise_of_rays_is_no_unknown_pose():
     uv = filmed(flapping(9), rng)
     uv += rng.normal(scale=np.sqrt(noise_px**2 - 0.25), size=uv.shape)
     views = Views(matrices=MATRIX[None], uv_px=uv, sd_px=np.full(uv.shape[:3], noise_px))
-    assert track_views(prior, views, doubt=partial(left_out, prior, trials, trunk)).unlike.mean() < 0.05
+    assert track_views(prior, views, doubt=partial(left_out, trials=trials, trunk=trunk)).unlike.mean() < 0.05
 
 
 def test_bones_that_lead_nowhere_leave_the_poses_of_rays(prior, found, monkeypatch):
@@ -148,24 +148,24 @@ def test_jitter_is_that_of_the_tracks():
 
 
 def test_phases_that_trials_lack_are_said():
-    """Wings that are never lowered in trials, then are: most frames are flagged; 1 % of those of a trial like them.
+    """Wings that are never lowered in trials, then are: half of the frames are flagged; 1 % of a trial like them.
 
-    Intervals of 95 % hold 90 % of all frames, by errors of trials that were left out (without these 73 % where wings
-    are never lowered in trials).
+    Intervals of 95 % hold 90 % of all frames, by errors of trials that were left out and by the misfit (without both
+    73 % where wings are never lowered in trials).
     """
     trial, trunk = flapping(9, frames=60), [NAMES.index(m) for m in TRUNK]
     views = views_of(filmed(trial, np.random.default_rng(0)))
-    for lift, least, most in (((-0.6, 0.9), 0.0, 0.05), ((0.15, 0.9), 0.7, 1.0)):
+    for lift, least, most in (((-0.6, 0.9), 0.0, 0.05), ((0.15, 0.9), 0.4, 1.0)):
         trials = [flapping(k, lift=lift) for k in (1, 2, 3)]
         trials[0].xyz_m[0, 1:] = np.nan  # of one marker nothing is relative
         prior = learn_prior(trials, trunk)
-        found = track_views(prior, views, doubt=partial(left_out, prior, trials, trunk))
+        found = track_views(prior, views, doubt=partial(left_out, trials=trials, trunk=trunk))
         assert least <= found.unlike.mean() <= most
         sd = np.sqrt(np.einsum("tmii->tmi", found.estimate.cov_m2))
         assert np.mean(np.abs(found.estimate.xyz_m - trial.xyz_m) < 1.96 * sd) > 0.9
 
 
-@pytest.mark.parametrize(("seed", "least", "most"), [(1, 0.4, 1.0), (3, 0.0, 0.05)])
+@pytest.mark.parametrize(("seed", "least", "most"), [(1, 0.2, 1.0), (3, 0.0, 0.05)])
 def test_one_trial_is_believed_where_its_stated_deviations_hold(seed, least, most):
     """One leads to poses that are lost, which nothing but the misfit tells; the other to 2 mm, in its intervals.
 
@@ -183,7 +183,7 @@ def test_halves_of_one_trial_tell_no_limit():
     """What they lack of each other is no measure of another trial; of two trials there is one."""
     trunk, trials = [NAMES.index(m) for m in TRUNK], [flapping(k, frames=40) for k in (1, 2)]
     for some, finite in ((trials[:1], False), (trials, True)):
-        found = left_out(learn_prior(some, trunk), some, trunk, 5e-4, np.eye(3))
+        found = left_out(learn_prior(some, trunk), 5e-4, 0.0, np.eye(3), trials=some, trunk=trunk)
         assert np.isfinite(found.most) == finite
         assert (np.diff(found.wider) >= 0).all()
         assert (found.wider >= 1).all()
@@ -208,12 +208,13 @@ def test_wrong_clicks_are_no_unknown_pose(prior):
     assert found.unlike.mean() < 0.05
 
 
-def test_a_frame_that_shows_too_little_is_as_strange_as_those_around(prior):
+def test_a_frame_that_shows_too_little_is_as_strange_as_those_around(prior, monkeypatch):
     """Nothing is seen for 10 of 30 frames, longer than what shapes leave lasts: they are as the others."""
     uv = filmed(flapping(9, frames=30), np.random.default_rng(0))
     uv[:, 10:20] = np.nan
     doubted = LeftOut(most=0.0, strange=np.zeros(1), wider=np.full(1, 4.0))
-    found = track_views(prior, views_of(uv), doubt=lambda _noise_m, _axes: doubted)
+    monkeypatch.setattr(Views, "fair", 0.0)
+    found = track_views(prior, views_of(uv), doubt=lambda *_: doubted)
     assert prior.lasts < 10
     assert found.unlike.all()
     assert (found.wider == 2.0).all()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mocap.datasets.observe import Digitiser, lasting_errors
 from mocap.filters.errors import FilterError
 from mocap.filters.mixture import Mixture
 from mocap.filters.model import LearnedModel
@@ -12,7 +13,9 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.poses import MarkerTrial
 
 import mocap
+from eal.arrays import Z95
 from mocap.errors import MocapError
+from mocap.findings import Kind
 from mocap.tracking.learning import Model
 from mocap.tracking.one_camera import _told
 from tests.filters.flapping_trials import BODY, FPS, MATRIX, NAMES, TRUNK, filmed, flapping
@@ -42,9 +45,11 @@ def model_of(*trials: MarkerTrial) -> Model:
     )
 
 
-def files_of(trial: MarkerTrial, hidden: slice, folder: Path) -> tuple[Path, Path]:
-    """Pixels of one camera, with a wing tip hidden for some frames, and its coefficients."""
-    uv = filmed(trial, np.random.default_rng(0))[0]
+def files_of(trial: MarkerTrial, hidden: slice, folder: Path, *, off_px: float = 0.0) -> tuple[Path, Path]:
+    """Pixels of one camera that stay off, with a wing tip hidden for some frames, and its coefficients."""
+    rng = np.random.default_rng(0)
+    uv = filmed(trial, rng)[0]
+    uv += lasting_errors(rng, (1, *uv.shape[:2]), Digitiser(lasting_px=off_px))[0]
     uv[hidden, NAMES.index("tip_l")] = np.nan
     head = ",".join(f"{name}_cam1_{axis}" for name in NAMES for axis in "XY")
     rows = [",".join("NaN" if np.isnan(x) else f"{x:.3f}" for x in row) for row in uv.reshape(len(uv), -1)]
@@ -102,6 +107,23 @@ def test_wider_intervals_and_a_single_trial_are_said():
     assert "75% of the frames are 2.60 times as large" in str(one[1])
     assert {finding.kind for finding in one} - {finding.kind for finding in two} == {"one trial"}
     assert [finding.kind for finding in _told(None, 0, np.ones(4), trials=2, loose=False)] == ["one camera"]
+
+
+def test_clicks_that_stay_off_are_told_and_widen_intervals(learned, tmp_path):
+    """By 12 px, of 0.5 px from frame to frame: found, said in the report, no frame is empty and intervals hold.
+
+    Depth, which is one error for all of so short a trial, may be outside.
+    """
+    trial = flapping(9, frames=50)
+    recording = read(files_of(trial, slice(0, 0), tmp_path, off_px=12.0))
+    found = mocap.track(recording, model=learned, validate=False)
+    told = next(one for one in found.findings if one.kind is Kind.MISFIT)
+    assert told.numbers["sd_px"] == pytest.approx(12.0, rel=0.5)
+    assert f"by {told.numbers['sd_px']:.2g} px" in found.report_text
+    error = found.tracks.xyz_m - (trial.xyz_m - [0.0, 0.0, 1.0])
+    sd = np.sqrt(np.einsum("tmii->tmi", found.tracks.cov_m2))
+    assert np.isfinite(error).all()
+    assert np.mean((np.abs(error) < Z95 * sd)[..., :2]) > 0.9
 
 
 def test_without_a_model_it_says_what_to_do(files):

@@ -123,13 +123,12 @@ class EmpiricalPotential:
         return self._at(self._value, q)
 
     def _value(self, q: Array) -> Array:
-        k = self.kernel.gram(q, self.centres)
         if len(q) < MANY_POINTS:
-            return self._of_kernels(k)
-        # |B^T k|^2 <= |B|^2 |k|^2: most of a map is so far from all samples that V is 1 to the last digit
-        near = np.einsum("nm,nm->n", k, k) * np.einsum("mr,mr->", self.root, self.root) > HALF_DIGIT
-        value = np.ones(len(q))
-        value[near] = self._of_kernels(k[near])
+            return self._of_kernels(self.kernel.gram(q, self.centres))
+        # |B^T k|^2 <= |B|^2 m max k^2: most of a map is so far from all samples that V is 1 to the last digit
+        logs, value = self.kernel.log_gram(q, self.centres), np.ones(len(q))
+        near = 2 * logs.max(axis=1) > np.log(HALF_DIGIT / (len(self.root) * np.sum(self.root**2)))
+        value[near] = self._of_kernels(np.exp(logs[near]))
         return value
 
     def _of_kernels(self, k: Array) -> Array:

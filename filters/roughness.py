@@ -1,7 +1,5 @@
 """How rough the residual of each marker is: the rate of its Matern-5/2 process, by the likelihood of its samples."""
 
-from functools import partial
-
 import numpy as np
 from mocap.filters.motion.pose import STATIONARY, matern_flow, matern_noise
 
@@ -36,30 +34,34 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, usual
     """
     middle = max(0, (len(residual) - RATE_FRAMES) // 2)
     part, rates = slice(middle, middle + RATE_FRAMES), usual_hz * RATES
-    likelihoods = partial(_likelihoods, residual[part], dt_s=dt_s, sd=sd, rates=rates)
-    together = [likelihoods(factor * noise_sd[part], dof=4.0).sum(axis=1) for factor in NOISES]
-    least = int(max(together, key=np.max).argmax())
-    own = likelihoods(noise_sd[part], dof=1e6)[least:]  # so many degrees of freedom are the normal law
-    best = own.argmax(axis=0)
-    best[best == len(own) - 1] = 0  # likeliest at the end of the grid: careless clicks, not motion
+    scales, dof = np.array([*NOISES, 1.0]), np.array([4.0] * len(NOISES) + [1e6])  # the last is the normal law
+    *heavy, own = _likelihoods(
+        residual[part], scales[:, None] * noise_sd[part, None], dof, dt_s=dt_s, sd=sd, rates=rates
+    )
+    least = int(max((one.sum(axis=1) for one in heavy), key=np.max).argmax())
+    best = own[least:].argmax(axis=0)
+    best[best == len(own) - least - 1] = 0  # likeliest at the end of the grid: careless clicks, not motion
     return np.repeat(rates[least + best], 3)
 
 
-def _likelihoods(residual: Array, scale: Array, *, dof: float, dt_s: float, sd: Array, rates: Array) -> Array:
-    """(K, M) log likelihood of each marker's residual under each of (K,) rates.
+def _likelihoods(residual: Array, scale: Array, dof: Array, *, dt_s: float, sd: Array, rates: Array) -> Array:
+    """(L, K, M) log likelihood of each marker's residual under each of (K,) rates and (L,) laws of the errors.
 
-    Each coordinate is a Matern-5/2 process of standard deviation ``sd`` seen with errors of Student's t; its likelihood
-    is that of a Kalman filter of three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once,
-    whose noise is weighted by how far each sample is from its prediction (Lange et al. 1989).
+    Each coordinate is a Matern-5/2 process of standard deviation ``sd`` seen with errors of Student's t of ``dof`` and
+    (T, L, 3M) ``scale``; its likelihood is that of a Kalman filter of three states (Hartikainen & Sarkka 2010), here of
+    all coordinates, rates and laws at once, whose noise is weighted by how far each sample is from its prediction
+    (Lange et al. 1989). Of a covariance the six numbers on and above the diagonal are kept.
     """
     turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)  # (K, 3, 3), of [e, e1 / rate, e2 / rate^2]
-    both = np.einsum("kab,kcd->kacbd", turn, turn).reshape(-1, 9, 9)  # F P F^T of P on end
-    size = (sd**2)[:, None]
-    added = np.moveaxis(matern_noise(rates * dt_s), -1, 0).reshape(-1, 1, 9) * size  # (K, D, 9)
-    mean = np.zeros((len(rates), len(sd), 3))
-    cov = np.tile(STATIONARY.ravel() * size, (len(rates), 1, 1))
-    total = np.zeros((len(rates), len(sd)))
-    for y, r in zip(residual, np.maximum(scale, 1e-6) ** 2, strict=True):
+    i, j = np.triu_indices(3)
+    both = np.einsum("kac,kbd->kabcd", turn, turn)[:, i, j]  # F P F^T of P
+    both = both[:, :, i, j] + np.where(i == j, 0.0, both[:, :, j, i])
+    size, dof = (sd**2)[:, None], dof[:, None, None]
+    added = np.moveaxis(matern_noise(rates * dt_s), -1, 0)[:, None, i, j] * size  # (K, D, 6)
+    mean = np.zeros((len(dof), len(rates), len(sd), 3))
+    cov = np.tile(STATIONARY[i, j] * size, (len(dof), len(rates), 1, 1))
+    total = np.zeros(mean.shape[:3])
+    for y, r in zip(residual, np.maximum(scale, 1e-6)[:, :, None] ** 2, strict=True):
         known = np.isfinite(y)
         own, first = cov[..., 0], cov[..., :3]
         spread = own + np.where(known, r, 1.0)
@@ -69,9 +71,8 @@ def _likelihoods(residual: Array, scale: Array, *, dof: float, dt_s: float, sd: 
         spread = own + np.where(known, r, np.inf) * (off * (dof / (dof + 1)))  # what was not seen says nothing
         gain = first / spread[..., None]
         mean = (mean + gain * away[..., None]) @ turn.swapaxes(1, 2)
-        left = cov - (gain[..., None] * first[..., None, :]).reshape(cov.shape)
-        cov = left @ both.swapaxes(1, 2) + added
-    return total.reshape(len(rates), -1, 3).sum(axis=2)
+        cov = (cov - gain[..., i] * first[..., j]) @ both.swapaxes(1, 2) + added
+    return total.reshape(*total.shape[:2], -1, 3).sum(axis=3)
 
 
 def out_of_sample(residual: Array, noise_sd: Array, basis: Array) -> tuple[Array, Array]:

@@ -90,6 +90,9 @@ def principal_components(
     variance; a weak prior keeps loadings small that little supports. Trials differ by an offset in each dimension
     (animal, marker placement), a random effect whose variance is estimated with the rest.
 
+    Frames that show the same entries share the covariance of their scores, and dimensions that are seen in the same
+    frames, as the three of a marker, its sums.
+
     Args:
         y: (N, D) poses; NaN where not seen.
         rank: Number of components.
@@ -108,24 +111,26 @@ def principal_components(
     z, left = np.zeros((len(y), rank)), np.zeros(len(y))
     offset, offset_var = np.zeros(count.shape), np.full(d, 10 * noise)
     diagonal = np.arange(rank)
+    columns, group = _alike(np.isfinite(y), axis=1)
+    grouped = (group == np.arange(columns.shape[1])[:, None]).astype(float)  # (C, D)
+    alike = [_alike(columns[p], axis=0) for p in parts]
     for _ in range(iterations):
-        outer = (loading[:, :, None] * loading[:, None, :]).reshape(d, -1)
-        moment, pull, spread = np.zeros((d, (rank + 1) ** 2)), np.zeros((d, rank + 1)), np.zeros((d, rank**2))
-        for p in parts:
+        outer = grouped @ (loading[:, :, None] * loading[:, None, :]).reshape(d, -1)
+        moment, pull, spread = np.zeros((len(outer), (rank + 1) ** 2)), np.zeros((d, rank + 1)), np.zeros(outer.shape)
+        for p, (patterns, pattern) in zip(parts, alike, strict=True):
             weight, data = _entries(y[p], offset[trial[p]])
-            cov = np.linalg.inv((weight @ outer).reshape(-1, rank, rank) / noise + np.eye(rank))
-            z[p] = np.einsum("tij,tj->ti", cov, (data - weight * mean) @ loading) / noise
-            left[p] = np.trace(cov, axis1=1, axis2=2)
+            cov = np.linalg.inv((patterns @ outer).reshape(-1, rank, rank) / noise + np.eye(rank))
+            z[p] = np.einsum("tij,tj->ti", cov[pattern], (data - weight * mean) @ loading) / noise
+            left[p] = np.trace(cov, axis1=1, axis2=2)[pattern]
             extended = np.column_stack([z[p], np.ones(len(data))])
-            second = extended[:, :, None] * extended[:, None, :]
-            second[:, :rank, :rank] += cov
-            moment += weight.T @ second.reshape(len(data), -1)
+            moment += columns[p].T @ (extended[:, :, None] * extended[:, None, :]).reshape(len(data), -1)
             pull += data.T @ extended
-            spread += weight.T @ cov.reshape(len(data), -1)
+            spread += (patterns.T * np.bincount(pattern)) @ cov.reshape(len(cov), -1)
         moment = moment.reshape(-1, rank + 1, rank + 1)
+        moment[:, :rank, :rank] += spread.reshape(-1, rank, rank)
         moment[:, diagonal, diagonal] += noise / np.maximum(np.mean(loading**2, axis=0), 1e-14)
         moment[:, rank, rank] += 1e-9
-        solution = np.linalg.solve(moment, pull[..., None])[..., 0]
+        solution = np.linalg.solve(moment[group], pull[..., None])[..., 0]
         loading, mean = solution[:, :rank], np.where(ever, solution[:, rank], mean)
         if n_trials > 1:
             missed = np.zeros(count.shape)
@@ -136,7 +141,7 @@ def principal_components(
             offset = missed / (count + ridge)
             unsure = noise / (independent * (count + ridge))
             offset_var = np.mean(offset**2 + unsure, axis=0).clip(1e-12)
-        squared = float(np.einsum("di,di->", (loading[:, :, None] * loading[:, None, :]).reshape(d, -1), spread))
+        squared = float(np.vdot(grouped @ (loading[:, :, None] * loading[:, None, :]).reshape(d, -1), spread))
         for p in parts:
             weight, data = _entries(y[p], offset[trial[p]])
             squared += float(np.sum((data - weight * (mean + z[p] @ loading.T)) ** 2))
@@ -151,6 +156,12 @@ def _entries(y: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
     """(n, D) 1 where an entry is seen, else 0; and what is seen, less an offset, else 0."""
     seen = np.isfinite(y)
     return seen.astype(float), np.where(seen, y - offset, 0.0)
+
+
+def _alike(seen: Array, *, axis: int) -> tuple[Array, NDArray[np.int64]]:
+    """Different rows (axis 0) or columns (axis 1) of a matrix of 0 and 1, and which of them each is."""
+    different, which = np.unique(seen, axis=axis, return_inverse=True)
+    return different.astype(float), which.reshape(-1)  # NumPy 2.0 alone gave it further axes
 
 
 def _by_trial(values: Array, trial: NDArray[np.int64], n_trials: int) -> Array:

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 
 from eal.arrays import Array
 
@@ -36,6 +35,8 @@ def smooth_series(y: Array, weight: Array, *, dt_s: float, cutoff_hz: float) -> 
     if n < 3 or np.count_nonzero(weight) < 2:
         mean = np.average(np.nan_to_num(y), axis=0, weights=weight)
         return np.repeat(mean[None], n, axis=0)
+    from scipy.linalg import solveh_banded
+
     bands = _whittaker(weight, dt_s=dt_s, cutoff_hz=cutoff_hz)
     return solveh_banded(bands, weight[:, None] * np.where(weight[:, None] > 0, y, 0.0))
 
@@ -51,6 +52,8 @@ def smoother(weight: Array, *, dt_s: float, cutoff_hz: float) -> Callable[[Array
     Returns:
         From (S, T, K) values to (S, T, K) smoothed ones.
     """
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
     bands = np.stack([_whittaker(one, dt_s=dt_s, cutoff_hz=cutoff_hz) for one in weight], axis=1)
     solved = cholesky_banded(bands.reshape(3, -1), overwrite_ab=True, check_finite=False)
 

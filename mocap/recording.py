@@ -9,10 +9,9 @@ from functools import cached_property
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from eal.arrays import Array
@@ -24,6 +23,9 @@ from mocap.records import MarkerTracks, PixelTracks, Plane
 from mocap.skeleton import Skeleton
 from mocap.variables import VARIABLES, Values
 
+if TYPE_CHECKING:  # with pandas it takes 0.4 s, for which a recording that cannot be read need not wait
+    import xarray as xr
+
 AXES = {"pixel": ["u", "v"], "space": ["x", "y", "z"], "space_to": ["x", "y", "z"]}
 TOGETHER = {"point": ("pair",), "angle": ("energy",), "limb": ("x", "y", "sample")}
 """Dimensions that are renewed with another one."""
@@ -33,7 +35,7 @@ LONG = 20_000
 """Recordings of more frames are tracked in blocks unless something else is asked for; 34 markers then need 3 GB."""
 
 
-def with_variables(data: xr.Dataset, values: Mapping[str, Values], **names: Sequence[str]) -> xr.Dataset:
+def with_variables(data: "xr.Dataset", values: Mapping[str, Values], **names: Sequence[str]) -> "xr.Dataset":
     """The Dataset with some variables, new or in place of others, read-only.
 
     Args:
@@ -111,7 +113,7 @@ class Recording:
     """
 
     name: str
-    data: xr.Dataset
+    data: "xr.Dataset"
     skeleton: Skeleton
     cameras: tuple[Camera, ...] = ()
     source: Source = field(default_factory=Source)
@@ -472,7 +474,7 @@ def dataset(
     score: Values | None = None,
     frames: NDArray[np.int64] | None = None,
     **attrs: str | float,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """A new Dataset of pixels or positions.
 
     Args:
@@ -484,6 +486,8 @@ def dataset(
         frames: (T,) numbers of the frames; None: from 1.
         **attrs: ``fps``, ``space_unit``, ``format``.
     """
+    from xarray import Dataset
+
     coords = {
         "time": ("time", t_s, {"units": "s"}),
         "frame": ("time", 1 + np.arange(len(t_s)) if frames is None else frames),
@@ -497,7 +501,7 @@ def dataset(
     elif points is not None:
         values = {"position": points.xyz_m, "covariance": points.cov_m2, "status": points.status}
         values |= {} if score is None else {"confidence": score}
-    return with_variables(xr.Dataset(coords=coords, attrs=attrs), values)
+    return with_variables(Dataset(coords=coords, attrs=attrs), values)
 
 
 def of_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str) -> Recording:

@@ -75,7 +75,7 @@ class TrialSet:
         """Poses, and their shapes in a subspace of one of the ranks."""
         if ranks not in self._shapes:
             self._shapes[ranks] = found = shapes_of(self.poses, ranks=ranks)
-            self._shapes[found.ranks[:1]] = found
+            self._shapes[found.ranks[:1]] = replace(found, ranks=found.ranks[:1])
         return self.poses, self._shapes[ranks]
 
     @cached_property

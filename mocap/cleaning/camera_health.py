@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, uniform_filter1d
 
 from eal.arrays import Array, true_runs
 from mocap.cameras.triangulate import Linearised, PointFit, fit, linear, linearise
@@ -117,6 +116,8 @@ def levels(problem: Linearised, frame: NDArray[np.int64], n_frames: int) -> tupl
         (C, T) standard deviations of a pixel coordinate, NaN where unknown; and the last fit.
     """
     n_cameras = len(problem.error)
+
+    from scipy.ndimage import median_filter, uniform_filter1d
 
     def summed(values: Array) -> Array:
         return np.stack([np.bincount(frame, row, n_frames) for row in values]).astype(np.float64)

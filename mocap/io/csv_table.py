@@ -18,8 +18,8 @@ from mocap.text import number_of
 
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
-SMALL = 1 << 18
-"""Fewer bytes of numbers are read here, in less time (0.1 s) than importing pandas takes (0.5 s), which reads more."""
+SMALL = 1 << 20
+"""Fewer bytes of numbers are read here, in less time (0.1 s) than importing pandas takes (0.4 s), which reads more."""
 _TRUTH = re.compile(rb"true|false", re.IGNORECASE)
 _NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1', re.ASCII)
 
@@ -141,6 +141,9 @@ def _few(path: Path, body: bytes, names: Sequence[str], first_line: int) -> Arra
         )
 
     rows = [line.split(",") for line in body.decode("utf-8", "replace").split("\n")]
+    with suppress(TypeError, ValueError):  # no cell in quotes, and none that is no number
+        plain = [[np.nan if c in MISSING_WORDS else float(_NUMBER.fullmatch(c)[0]) for c in row] for row in rows]  # type: ignore[index]
+        return np.array(plain, dtype=np.float64)
     return np.array([[value(c, i, j) for j, c in enumerate(row)] for i, row in enumerate(rows)], dtype=np.float64)
 
 

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from eal.arrays import unique
 from mocap.bounds import check_rate, check_stated
@@ -36,6 +36,9 @@ from mocap.records import PixelCorner
 from mocap.skeleton import Skeleton
 from mocap.skeleton_files import is_model, read_skeleton
 from mocap.text import as_text, with_options
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @taking(ReadOptions)
@@ -285,7 +288,7 @@ def complete(
     )
 
 
-def dataset_of(contents: FileContents) -> xr.Dataset:
+def dataset_of(contents: FileContents) -> "xr.Dataset":
     """What files hold, as a Dataset: pixels, or positions where there are none."""
     tracks = contents.points if contents.pixels is None else contents.pixels
     edited = contents.tables.get("edited")

@@ -53,7 +53,9 @@ def test_the_likeliest_of_ranks_that_fill_alike_is_taken(wings, monkeypatch):
         assert tuned.ranks == (best if best in good else good[0],)
         assert tuned.process_noise == 2.0 + tuned.ranks[0]
         assert judged == list(good)
-    assert wings.shapes(good[:1])[1] is wings.shapes(SETTINGS.ranks)[1]
+    first = wings.shapes(good[:1])[1]
+    assert first.subspace is wings.shapes(SETTINGS.ranks)[1].subspace
+    assert first.ranks == good[:1]  # who asks for one rank is not given the others to weigh
 
 
 def test_the_search_goes_past_ranks_that_gain_nothing():

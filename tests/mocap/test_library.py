@@ -55,18 +55,28 @@ def test_tracking_does_not_import_all_statistics():
     assert not found.stdout.split()
 
 
-def test_describing_a_short_table_imports_no_filter_and_no_picture(tmp_path):
-    """It is read and cleaned, as tracking does, and that is all."""
+DEAR = {"matplotlib", "rerun", "distributed", "scipy.stats", "filterpy", "rich.markdown"}
+
+
+@pytest.mark.parametrize(
+    ("header", "last", "said", "dear"),
+    [
+        ("time_s,a_x,a_y,a_z", "0.2,0.2,0,0.1", "1 point, 3 frames", DEAR),
+        ("pt1_cam1_X,pt1_cam1_Y,pt1_cam2_X,pt1_cam2_Y", "7,NaN,NaN,8", "3 frames", DEAR | {"pandas", "scipy"}),
+    ],
+    ids=["positions", "pixels without a rate"],
+)
+def test_describing_a_short_table_imports_no_filter_and_no_picture(tmp_path, header, last, said, dear):
+    """It is read and cleaned, as tracking does, and that is all; what nobody can clean needs no Dataset either."""
     path = tmp_path / "x.csv"
-    path.write_text("time_s,a_x,a_y,a_z\n0,0,0,0\n0.1,0.1,0,0\n0.2,0.2,0,0.1\n")
+    path.write_text(f"{header}\n0,0,0,0\n0.1,0.1,0,0\n{last}\n")
     script = (
         f"import sys, contextlib; sys.argv = ['mocap', 'info', {str(path)!r}]; import mocap.cli.main as m\n"
         "with contextlib.suppress(SystemExit): m.main()\n"
-        "dear = {'matplotlib', 'rerun', 'distributed', 'scipy.stats', 'filterpy', 'rich.markdown'}\n"
-        "print(*sorted(dear & set(sys.modules)), file=sys.stderr)"
+        f"print(*sorted({dear!r} & set(sys.modules)), file=sys.stderr)"
     )
     found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert "1 point, 3 frames" in found.stdout
+    assert said in found.stdout
     assert not found.stderr.split()
 
 

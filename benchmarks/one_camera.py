@@ -32,6 +32,7 @@ import numpy as np
 import pandas as pd
 from mocap.datasets.real import folder
 from mocap.filters.first_poses import settled, starts_of
+from mocap.filters.misfit import Misfit
 from mocap.filters.motion.potential import Bones
 from mocap.filters.one_camera import Found, LeftOut, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
@@ -291,10 +292,10 @@ def _of_teachers(
         trusted: list[LeftOut] = []
 
         def doubt(
-            told: PosePrior, noise_m: float, lasting: float, axes: Array, trusted: list[LeftOut] = trusted
+            told: PosePrior, noise_m: float, beyond: Misfit, axes: Array, trusted: list[LeftOut] = trusted
         ) -> LeftOut:
             if not trusted:  # by V_z, of all methods
-                trusted.append(left_out(told, noise_m, lasting, axes, trials=some, trunk=trunk))
+                trusted.append(left_out(told, noise_m, beyond, axes, trials=some, trunk=trunk))
             return trusted[0]
 
         found: dict[str, tuple[Array, Array | None]] = {}

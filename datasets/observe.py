@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from eal.arrays import Array
 
@@ -78,6 +77,8 @@ def lasting_errors(rng: np.random.Generator, shape: tuple[int, int, int], digiti
     errors = np.zeros((*shape, 2))
     if digitiser.lasting_px == 0:
         return errors  # and draw nothing: recordings of a seed stay what they are
+    from scipy.signal import lfilter
+
     for camera, marker in np.ndindex(n_cameras, n_markers):
         kept = np.exp(-1 / np.exp(rng.uniform(*np.log(digitiser.lasting_frames))))
         kicks = rng.standard_normal((n_frames, 2)) * np.sqrt(1 - kept**2)

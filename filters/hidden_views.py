@@ -6,7 +6,6 @@ import numpy as np
 from mocap.filters.hidden_gaps import gaps_like_own
 from mocap.filters.hide import Hidden
 from mocap.filters.interpolate import interpolated
-from mocap.filters.misfit import POSED
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.one_camera import FittedViews
 from mocap.filters.one_view import Views
@@ -36,7 +35,7 @@ def filled_views(
         seen = views.frames(first + np.arange(len(hidden.trial.t_s)))
         shown = replace(seen, uv_px=_without(hidden, seen.uv_px))
         found = fitted.fill(shown, progress=progress)
-        missed = across(hidden, seen, found.xyz_m, found.cov_m2, clicks_m=found.own["misfit"][0] * np.sqrt(1 - POSED))
+        missed = across(hidden, seen, found.xyz_m, found.cov_m2, clicks_m=found.own["misfit"][3])
         missed = missed.some(np.isfinite(missed.error_m[:, 0]))  # poses unlike those of trials are left empty
         if len(missed.error_m):
             return _curves(hidden, seen, shown) | {name: missed.score()}

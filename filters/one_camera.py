@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from mocap.filters.errors import FilterError
 from mocap.filters.first_poses import Starts, between, first_poses, settled, starts_of
-from mocap.filters.misfit import POSED, Matern, Misfit, misfit
+from mocap.filters.misfit import Matern, Misfit, misfit
 from mocap.filters.moving import Rates
 from mocap.filters.observations import WHOLE
 from mocap.filters.observe import Observed
@@ -177,7 +177,7 @@ def track_views(
     prior: PosePrior,
     views: Views,
     *,
-    doubt: Callable[[PosePrior, float, float, Array], LeftOut] = lambda _prior, _noise_m, _lasting, _axes: UNDOUBTED,
+    doubt: Callable[[PosePrior, float, Misfit, Array], LeftOut] = lambda _prior, _noise_m, _beyond, _axes: UNDOUBTED,
     rate_points: RatePoints | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Found:
@@ -187,8 +187,8 @@ def track_views(
         prior: What trials tell.
         views: What was seen; deviations are those of the pixels alone.
         doubt: How trials fared that were left out (``left_out``), by what trials and the recording's misfit tell, the
-            noise of rays in metres where the animal is, the share of it that lasts, and the axes of the mean body to
-            the camera's.
+            noise of rays from frame to frame in metres where the animal is, the misfit, and the axes of the mean body
+            to the camera's.
         rate_points: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
 
@@ -219,8 +219,8 @@ def track_views(
     except FilterError:  # shapes that bones contradict, which was seen of animals unlike their trials
         loose = True
     xyz, lags = marked(problem, recorded, views, best)
-    noise_m = float(np.median((views.sd_px / scale)[views.seen]))
-    doubted = doubt(prior, noise_m, views.lasting, _axes(views, best))
+    noise_m = float(np.median((views.sd_px / scale)[views.seen])) * np.sqrt(1 - views.lasting)
+    doubted = doubt(prior, noise_m, beyond, _axes(views, best))
     unlike = bridge(strange(recorded, best)[:, None])[:, 0]  # where too little is seen as in the frames around
     wider = np.sqrt(np.interp(unlike, doubted.strange, doubted.wider))
     for lag, part in enumerate(lags):
@@ -290,7 +290,7 @@ def _with_misfit(
     """Searches under the misfit that they themselves make likeliest, found by turns (EM)."""
     for _ in range(5):  # it grows by under 5 % from the third on in simulated walks
         recorded, ends = _searched(*beyond.told(prior, views, scale), scale, starts)
-        before, beyond = beyond, misfit(prior, views, scale, recorded, ends[0].poses)
+        before, beyond = beyond, replace(misfit(prior, views, scale, recorded, ends[0].poses), posed=beyond.posed)
         if abs(beyond.sd_m - before.sd_m) < 0.05 * before.sd_m:
             break
     return recorded, ends, before
@@ -343,7 +343,7 @@ def strange(recorded: Recorded, at: Poses) -> Array:
 def left_out(
     prior: PosePrior,
     noise_m: float,
-    lasting: float,
+    beyond: Misfit,
     axes: Array,
     *,
     trials: Sequence[MarkerTrial],
@@ -359,8 +359,8 @@ def left_out(
 
     Args:
         prior: What all trials tell, and the misfit of the recording.
-        noise_m: Deviation of the noise of rays, where the animal is.
-        lasting: Share of its variance that lasts (``Views``).
+        noise_m: Deviation of the noise of rays from frame to frame, where the animal is.
+        beyond: The misfit.
         axes: (3, 3) of the mean body to the camera's.
         trials: As of ``learn_prior``.
         trunk: Indices of the trunk's markers.
@@ -385,8 +385,8 @@ def left_out(
             rotation=whole.frames.rotation[some],
             z=(bridge(whole.y)[some] - part.mean) @ part.basis,
         )
-        pixels = _from_afar(own, part, at, axes, noise_m, lasting)
-        wider = np.hypot(1.0, part.left_sd[::3] / noise_m)
+        pixels = _from_afar(own, part, at, axes, noise_m, beyond)
+        wider = np.hypot(1.0, part.left_sd[::3] / np.hypot(noise_m, beyond.clicks_m))
         recorded = Recorded(prior=part, views=replace(pixels, sd_px=pixels.sd_px * wider))
         start, _ = settled(replace(recorded, views=recorded.views.frames(some)), at)
         with suppress(FilterError):
@@ -450,7 +450,7 @@ def _squared(xyz_m: Array, joint: Array, trial: MarkerTrial) -> Array:
     return np.where(count > 1, total / np.maximum(3 * count, 1), np.nan)
 
 
-def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noise_m: float, lasting: float) -> Views:
+def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noise_m: float, beyond: Misfit) -> Views:
     """A trial as a camera sees it that looks along the last of some axes (3, 3) of the mean body.
 
     The noise of rays is drawn; that of the trial's markers is in what shapes leave, here as in deviations. All of a
@@ -464,14 +464,14 @@ def _from_afar(trial: MarkerTrial, prior: PosePrior, at: Poses, axes: Array, noi
     )
     local = (trial.xyz_m - middle) @ turn.T + [0.0, 0.0, distance]
     matrix = np.column_stack([turn, [0.0, 0.0, distance] - turn @ middle])
-    noise = noise_m / distance
     uv = local[..., :2] / local[..., 2:]
     rng = np.random.default_rng(0)
-    uv += np.sqrt(1 - lasting) * noise * rng.normal(size=uv.shape)
-    if lasting:
-        uv += np.sqrt(lasting / (1 - POSED)) * noise * Matern(rho=prior.left_decay).drawn(rng, uv.shape)
-    sd_px = np.full((1, *local.shape[:2]), noise)
-    return Views(matrices=matrix[None], uv_px=uv[None], sd_px=sd_px, lasting=lasting)
+    uv += noise_m / distance * rng.normal(size=uv.shape)
+    if beyond.sd_m:
+        uv += beyond.sd_m / distance * Matern(rho=prior.left_decay).drawn(rng, uv.shape)
+    sd_m = float(np.hypot(noise_m, beyond.clicks_m))
+    sd_px = np.full((1, *local.shape[:2]), sd_m / distance)
+    return Views(matrices=matrix[None], uv_px=uv[None], sd_px=sd_px, lasting=(beyond.clicks_m / sd_m) ** 2)
 
 
 def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], marker: int, within: float) -> None:

@@ -38,7 +38,7 @@ class FittedViews:
         ``Estimate.own`` has of these ``unlike`` (T,), what deviations were multiplied by, ``wider`` (T,), the
         probability of the ``mirror_image``, ``residual_px`` (T, M), whether bones had to be ``loose``, what trials that
         were left out erred by in such a view and spread by, ``left_out_m`` (2,), and what was missed beyond what trials
-        tell, in m, px and s, ``misfit`` (3,).
+        tell, ``misfit`` (4,): in m, in px, how long it lasts in s, and in m the part that is errors of clicks.
 
         Args:
             observations: What was seen; deviations are those of the pixels alone.
@@ -55,6 +55,7 @@ class FittedViews:
             rate_points=rate_points,
             progress=progress,
         )
+        beyond = found.misfit
         return replace(
             found.estimate,
             xyz_m=np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m),
@@ -64,7 +65,7 @@ class FittedViews:
                 "mirror_image": np.array(found.other),
                 "residual_px": found.residual_px,
                 "loose": np.array(found.loose),
-                "misfit": np.array([found.misfit.sd_m, found.misfit.sd_px, found.misfit.half_life_s]),
+                "misfit": np.array([beyond.sd_m, beyond.sd_px, beyond.half_life_s, beyond.clicks_m]),
                 "left_out_m": np.array([found.left_out.error_m, found.left_out.spread_m]),
             },
         )

@@ -185,14 +185,15 @@ def _told(other: float | None, strange: int, wider: Array, *, trials: int, loose
     return found
 
 
-def _off(sd_m: float, sd_px: float, half_life_s: float, *, dt_s: float, empty: bool) -> list[Finding]:
+def _off(sd_m: float, sd_px: float, half_life_s: float, clicks_m: float, *, dt_s: float, empty: bool) -> list[Finding]:
     """That markers are off their poses by more than trials tell, for so long; 0: they are not."""
     if sd_m == 0:
         return []
     text = (
         f"markers are off the poses of the trials by {sd_px:.2g} px ({1e3 * sd_m:.2g} mm) beyond what trials show that "
         f"are left out (standard deviation of a coordinate; it lasts {half_life_s / dt_s:.0f} frames): clicks that "
-        "stay off, or poses that differ; one camera cannot tell which, and intervals are as wide as either needs"
+        f"stay off ({(clicks_m / sd_m) ** 2:.0%} of the variance: neighbours are off apart), or poses that differ "
+        "(together); one camera cannot tell for certain, and intervals are as wide as either needs"
     )
     if empty:
         text += ". That is as much as poses differ by, and nothing is shown: learn from trials of such movements"

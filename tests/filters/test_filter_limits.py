@@ -14,6 +14,7 @@ from mocap.filters.first_poses import looks_like
 from mocap.filters.gaussian import Markers, Moments, Update, View, condition, pushed
 from mocap.filters.groups import groups_of
 from mocap.filters.joint_types import joints_of
+from mocap.filters.misfit import Misfit
 from mocap.filters.mixture import Mixture
 from mocap.filters.models import articulated, lagrangian, pose
 from mocap.filters.models.base import FittedMotion
@@ -142,7 +143,7 @@ def test_trials_left_out_are_tracked_to_one_deviation_and_alarm_in_one_of_a_hund
     monkeypatch.setattr(one_camera, "strange", lambda *_: np.linspace(0, 1, frames))
     monkeypatch.setattr(one_camera, "_squared", lambda *_: np.ones(frames))
     trials = [trial_of(np.zeros((frames, 1, 3))) for _ in range(2)]
-    found = one_camera.left_out(prior, 1e-3, 0.0, np.eye(3), trials=trials, trunk=(0,))
+    found = one_camera.left_out(prior, 1e-3, Misfit(), np.eye(3), trials=trials, trunk=(0,))
     assert found.most == pytest.approx(most)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mocap.filters import one_camera
 from mocap.filters.errors import FilterError
+from mocap.filters.misfit import Misfit
 from mocap.filters.one_camera import LeftOut, jitter_px, left_out, shown, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import PosePrior, learn_prior, marker_sd, size_spread
@@ -183,7 +184,7 @@ def test_halves_of_one_trial_tell_no_limit():
     """What they lack of each other is no measure of another trial; of two trials there is one."""
     trunk, trials = [NAMES.index(m) for m in TRUNK], [flapping(k, frames=40) for k in (1, 2)]
     for some, finite in ((trials[:1], False), (trials, True)):
-        found = left_out(learn_prior(some, trunk), 5e-4, 0.0, np.eye(3), trials=some, trunk=trunk)
+        found = left_out(learn_prior(some, trunk), 5e-4, Misfit(), np.eye(3), trials=some, trunk=trunk)
         assert np.isfinite(found.most) == finite
         assert (np.diff(found.wider) >= 0).all()
         assert (found.wider >= 1).all()

@@ -159,7 +159,7 @@ def _told(other: float | None, strange: int, wider: Array, *, trials: int, loose
         text = f"the pose or its mirror image: the other has a probability of {other:.0%}, and intervals cover both"
         found.append(Finding(kind=Kind.MIRROR_IMAGE, text=text, numbers={"probability": other}))
     if strange:
-        usual = "fit worse than in 99 % of the frames of trials that a model was not learned from"
+        usual = "fit worse than is stated, and than in 99 % of the frames of trials that a model was not learned from"
         worse = "have larger reprojection errors than the model states" if trials == 1 else usual
         frames = number_of(strange, "frame shows a pose", "frames show poses")
         text = f"{frames} unlike those of the trials, left empty: seen markers {worse}"
@@ -196,7 +196,7 @@ def _off(sd_m: float, sd_px: float, half_life_s: float, clicks_m: float, *, dt_s
         "(together); one camera cannot tell for certain, and intervals are as wide as either needs"
     )
     if empty:
-        text += ". That is as much as poses differ by, and nothing is shown: learn from trials of such movements"
+        text += ". Nothing is shown: learn from trials of such movements, or state `pixel_sd`"
     numbers = {"sd_m": sd_m, "sd_px": sd_px, "half_life_s": half_life_s}
     return [Finding(kind=Kind.MISFIT, text=text, numbers=numbers)]
 

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from mocap.filters.pose_prior import PosePrior
-from mocap.filters.trajectory import Quadratic, covariance, factor
+from mocap.filters.trajectory import Quadratic, covariance, factor_at_all
 from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -283,7 +283,7 @@ def counted_once(recorded: Recorded, at: Poses) -> list[Array]:
     rows = (at.rotation[:, None] @ rows).reshape(len(at.z), -1, n + 1)
     form, (_, local) = recorded.quadratic(at), recorded.local(at)
     less = (1 - 1 / recorded.prior.lasts) * local[:, :n, :n]
-    found = factor(replace(form, band=(form.band[0] - less, *form.band[1:])))
+    found = factor_at_all(replace(form, band=(form.band[0] - less, *form.band[1:])))
     moved = found.solve(-local[:, :n, n] / recorded.prior.lasts)
     grown = recorded.prior.size_sd * (rows[..., :n] @ moved[..., None] + rows[..., n:])
     lags = covariance(found)

@@ -8,6 +8,7 @@ Minimising that again and again is Gauss-Newton, which is the same as smoothing 
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -96,6 +97,18 @@ def factor(form: Quadratic, damping: float = 0.0) -> BandFactor:
     return BandFactor(
         (steps, n), len(form.band) - 1, cholesky_banded(lower, lower=True, overwrite_ab=True, check_finite=False)
     )
+
+
+def factor_at_all(form: Quadratic) -> BandFactor:
+    """The factor of a form that is positive definite but for rounding, as little damped as that needs.
+
+    Raises:
+        FilterError: it is not, with a millionth of the diagonal added.
+    """
+    for damping in (0.0, 1e-12, 1e-9, 1e-6):
+        with suppress(np.linalg.LinAlgError):
+            return factor(form, damping)
+    raise FilterError("the most probable trajectory: what was seen does not say where it is, its covariance has no end")
 
 
 def covariance(found: BandFactor) -> list[Array]:

@@ -35,12 +35,12 @@ def flat(seed, far_m, frames=120):
 
 
 @cache
-def prior_of(far_m):
+def prior_of(far_m, teachers=(1, 2, 3)):
     """Of three trials."""
-    return learn_prior([flat(k, far_m) for k in (1, 2, 3)], [NAMES.index(m) for m in TRUNK])
+    return learn_prior([flat(k, far_m) for k in teachers], [NAMES.index(m) for m in TRUNK])
 
 
-def tracked(seed, far_m, noise_px, frames):
+def tracked(seed, far_m, noise_px, frames, teachers=(1, 2, 3)):
     """What one camera makes of a trial that far away, a pixel a millimetre; and (T, M, 3) errors about their mean."""
     matrix = np.array([[1e3 * far_m, 0, 960, 0], [0, 1e3 * far_m, 540, 0], [0, 0, 1, 0]])
     trial, rng = flat(seed, far_m, frames), np.random.default_rng(seed)
@@ -48,7 +48,7 @@ def tracked(seed, far_m, noise_px, frames):
     uv = (h[..., :2] / h[..., 2:] + noise_px * rng.normal(size=(*h.shape[:2], 2)))[None]
     with one_blas_thread():
         views = Views(matrices=matrix[None], uv_px=uv, sd_px=np.full(uv.shape[:3], noise_px))
-        found = track_views(prior_of(far_m), views)
+        found = track_views(prior_of(far_m, teachers), views)
     error = found.estimate.xyz_m - trial.xyz_m
     return found, error - error.mean(axis=1, keepdims=True)
 
@@ -68,23 +68,30 @@ def test_both_poses_are_found_from_afar():
 
 
 @pytest.mark.rare
-def test_the_mirror_image_is_as_probable_as_it_is_said_to_be():
+@pytest.mark.parametrize(("far_m", "noise_px", "frames"), [(60.0, 3.0, 40), (200.0, 1.5, 50)])
+def test_the_mirror_image_is_as_probable_as_it_is_said_to_be(far_m, noise_px, frames):
     """From afar perspective hardly tells: as many are mirrored as was said, to two standard errors; intervals reach.
 
-    Each is mirrored with a probability p of its own: the number that are has the variance sum p (1 - p). Trials of one
-    prior err alike, of which that knows nothing: two distances have two.
+    Each is mirrored with a probability p of its own: the number that are has the variance sum p (1 - p). Each has
+    teachers of its own, as trials of one prior err alike: at 60 m 12 of 30 were mirrored where 5.9 were said.
     """
     said, mirrored = [], []
-    for far_m, noise_px, frames, seeds in ((60.0, 3.0, 40, range(10, 22)), (200.0, 1.5, 50, range(12, 20))):
-        for seed in seeds:
-            found, error = tracked(seed, far_m, noise_px, frames)
-            said.append(found.other)
-            mirrored.append(np.sqrt(np.mean(np.sum(error**2, axis=-1))) > 0.02)
-            if found.other > 0.05:
-                centred = np.eye(len(NAMES)) - 1 / len(NAMES)
-                joint = found.joint.reshape(len(error), len(NAMES), 3, len(NAMES), 3)
-                sd = np.sqrt(np.einsum("ab,tbicj,ac->taij", centred, joint, centred).diagonal(axis1=2, axis2=3))
-                assert np.mean(np.abs(error) < Z95 * sd) > 0.9
+    for seed in range(10, 30):
+        teachers = tuple(1000 + 10 * seed + k for k in (1, 2, 3))
+        found, error = tracked(seed, far_m, noise_px, frames, teachers)
+        said.append(found.other)
+        mirrored.append(np.sqrt(np.mean(np.sum(error**2, axis=-1))) > 0.02)
+        if found.other > 0.05:
+            centred = np.eye(len(NAMES)) - 1 / len(NAMES)
+            joint = found.joint.reshape(len(error), len(NAMES), 3, len(NAMES), 3)
+            sd = np.sqrt(np.einsum("ab,tbicj,ac->taij", centred, joint, centred).diagonal(axis1=2, axis2=3))
+            assert np.mean(np.abs(error) < Z95 * sd) > 0.9
     p = np.array(said)
     assert p.sum() > 1.0
     assert abs(sum(mirrored) - p.sum()) < 2 * np.sqrt(np.sum(p * (1 - p)))
+
+
+def test_a_covariance_that_rounding_makes_indefinite_is_there():
+    """From 60 m with these teachers a covariance had a negative pivot, and the search ended in numpy's error."""
+    found, _ = tracked(48, 60.0, 3.0, 40, (1480, 1481, 1482))
+    assert np.isfinite(found.estimate.cov_m2).all()

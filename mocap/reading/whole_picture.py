@@ -97,6 +97,9 @@ def in_whole_picture(
     shifted = replace(pixels, uv_px=_added(contents, pixels, offsets))
     before, after = (median_miss(stacked(cameras), undistorted(cameras, some.uv_px)) for some in (pixels, shifted))
     result = f"the median triangulation residual is {after:.2f} px with them, {before:.2f} px without"
+    if not np.isfinite([before, after]).all():
+        result = "no marker is seen by two cameras, whose residual would tell whether they belong to these films"
+        result += "; give `crop` if they do" if beside else ""
     if beside and not after < before:
         return contents, (f"crop offsets beside the tracks ({where}) were not added: {result}",)
     moving = sum(len(offset) > 1 for offset in offsets)

@@ -119,6 +119,22 @@ def test_offsets_beside_that_do_not_help_are_left(flight, tmp_path):
     assert any("were not added" in said.text for said in prepared.findings)
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_of_one_camera_no_residual_tells_of_offsets(flight, tmp_path, given):
+    """Given, they are added; beside the tracks, they are not, and what to state is said: rays of one never meet."""
+    _, windows, _, _, cropped = flight
+    views = write_views(tmp_path, cropped[:1])
+    write_coefficients(tmp_path / "dltCoefs.csv", ring(3)[:1])
+    save_windows(tmp_path / "crops" if given else tmp_path, windows[:1])
+    options = {"crop": tmp_path / "crops"} if given else {"origin": "upper-left"}
+    recording = mocap.read(views[0], calibration=tmp_path / "dltCoefs.csv", fps=100, **options)
+    (said,) = (one.text for one in recording.findings if "crop offsets" in one.text)
+    assert "no marker is seen by two cameras" in said
+    assert "inf" not in said
+    assert ("were added" in said) == given
+    assert ("give `crop`" in said) != given
+
+
 def test_each_way_of_writing_offsets_is_read(tmp_path):
     """DeepLabCut's config.yaml and meta file hold a constant corner, tables one a frame or one a camera."""
     config = tmp_path / "config.yaml"

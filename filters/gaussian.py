@@ -74,8 +74,9 @@ class Smoothed:
     def markers(self, view: "View") -> Array:
         """(M, 3, 3) covariances of markers in the world."""
         before = Markers(Moments(self.mean, self.filtered), view)
-        later = before.gains @ self.matrix @ _t(before.gains)
-        cov = _symmetric(diagonal_blocks(before.spread - later))
+        each = before.gains.reshape(-1, 3, before.gains.shape[-1])
+        later = (before.gains @ self.matrix).reshape(each.shape) @ _t(each)
+        cov = _symmetric(before.own - later)
         return cov if view.turn is None else view.turn @ cov @ view.turn.T
 
     def of(self, rows: Array, gains: Array | None = None) -> Array:
@@ -205,6 +206,17 @@ class View:
         moved = self.times(change[..., None]).reshape(-1, 3)
         return moved if self.turn is None else moved @ self.turn.T
 
+    def of_markers(self, along: Array, which: slice | NDArray[np.int64]) -> Array:
+        """(m, q, reads) rows of combinations (m, q, 3) of the coordinates of each of some markers, of one part."""
+        count, s = len(self.rows) // 3, self.rows.shape[-1]
+        out = np.zeros((*along.shape[:2], self.reads))
+        out[..., :s] = along @ self.rows.reshape(count, 3, s)[which]
+        if self.chains is not None:
+            chains = np.zeros((*along.shape[:2], count, 3))
+            chains[np.arange(len(along)), :, np.arange(count)[which]] = along
+            out[..., self.chains :] = chains.reshape(*along.shape[:2], -1)
+        return out
+
     def combined(self, along: Array) -> Array:
         """(..., q, reads) rows of q combinations (..., q, 3m) of the coordinates of all markers of a part."""
         out = np.zeros((*along.shape[:-1], self.reads))
@@ -261,12 +273,10 @@ class Markers:
         parts = self.state.mean.shape[:-1]
         if parts:  # of one marker each
             target, every = innovation.reshape(*parts, -1), along.reshape(*parts, -1, 3)
-        else:
-            count, q, _ = along.shape
-            every = np.zeros((count, q, self.view.rows.shape[-2] // 3, 3))
-            every[np.arange(count), :, np.arange(count) if which is None else which] = along
-            target, every = innovation[known], every.reshape(count, q, -1)[known]
-        return condition(self.state, self.view.combined(every), every @ self.gains, target)
+            return condition(self.state, self.view.combined(every), every @ self.gains, target)
+        each = slice(None) if which is None else which
+        gains = along @ self.gains.reshape(-1, 3, self.gains.shape[-1])[each]
+        return condition(self.state, self.view.of_markers(along, each)[known], gains[known], innovation[known])
 
 
 @dataclass(frozen=True, eq=False)

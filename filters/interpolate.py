@@ -6,7 +6,6 @@ import numpy as np
 from mocap.filters.conditional import expected
 from mocap.filters.poses import MarkerTrial, poses_of
 from mocap.filters.subspace import principal_components
-from scipy.interpolate import CubicSpline
 
 from eal.arrays import Array
 from eal.threads import one_blas_thread
@@ -22,6 +21,8 @@ def interpolated(xyz_m: Array, t_s: Array, *, kind: str) -> Array:
         inside = slice(frames[0], frames[-1] + 1)
         t, x = t_s[frames], xyz_m[frames, marker]
         if kind == "cubic" and len(frames) >= 4:
+            from scipy.interpolate import CubicSpline
+
             out[inside, marker] = CubicSpline(t, x)(t_s[inside])
         else:
             out[inside, marker] = np.stack([np.interp(t_s[inside], t, of) for of in x.T], axis=-1)

@@ -129,7 +129,7 @@ def smooth(
     t_s: Array,
     *,
     gate_sd: float = GATE_SD,
-    most_bytes: float = 1e9,
+    most_bytes: float = 1.5e9,
     rate_points: RatePoints | None = None,
     progress: Progress | None = None,
 ) -> Estimate:

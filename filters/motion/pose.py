@@ -319,6 +319,8 @@ class PoseMotion(MotionModel):
         """
         turn = slice(self.parts[1].start + 3, self.parts[1].stop)
         xyz, cov = super().shown(state, view, frame)
+        if np.linalg.eigvalsh(state.filtered[turn, turn])[-1] <= VAGUE_RAD**2:  # smoothed, it is known no worse
+            return xyz, cov
         values, axes = np.linalg.eigh(state.of(np.eye(turn.stop)[turn]))
         if values[-1] <= VAGUE_RAD**2:
             return xyz, cov
@@ -394,10 +396,9 @@ class PoseMotion(MotionModel):
                 state, done = self.conditioned(state, step.frame, update)
                 updates.append(done)
         terms = []
-        for limb, rows in zip(self.potentials, self._rows, strict=True):
-            coordinates = Coordinates(
-                limb.mean + rows @ state.mean[: rows.shape[1]], rows, rows @ state.cov[: rows.shape[1]]
-            )
+        for limb, (rows, reads) in zip(self.potentials, self._rows, strict=True):
+            some = rows[:, reads]
+            coordinates = Coordinates(limb.mean + some @ state.mean[reads], rows, some @ state.cov[reads])
             pull = partial(_scaled, limb.gradient, step.dt_s)
             terms.append(potential_term(pull, coordinates, least_sd=0.05))  # not along what is known to 5 %
         if self.bones is not None:
@@ -407,9 +408,10 @@ class PoseMotion(MotionModel):
         return state, updates + done
 
     @cached_property
-    def _rows(self) -> tuple[Array, ...]:
-        """How the coordinates of each potential change with the state."""
-        return tuple(limb.rows(self.chains) for limb in self.potentials)
+    def _rows(self) -> tuple[tuple[Array, NDArray[np.int64]], ...]:
+        """How the coordinates of each potential change with the state, and with which components of it."""
+        every = (limb.rows(self.chains) for limb in self.potentials)
+        return tuple((rows, np.flatnonzero(rows.any(axis=0))) for rows in every)
 
     def moved(self, means: Array, residual: Array) -> Array:  # noqa: ARG002
         """(S, M, 3) by how much markers move in the axes of the root, of states (S, n), for changes (S, D) of e."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mocap.filters.gaussian import Adjoint, Moments, condition
+from mocap.filters.gaussian import Adjoint, Moments, View, condition
 
 
 @pytest.mark.parametrize("noise", [1.0, 0.02])
@@ -26,3 +26,16 @@ def test_going_back_over_observations_gives_the_posterior(noise):
     found = adjoint.smoothed(before)
     np.testing.assert_allclose(found.mean, state.mean, atol=1e-7)
     np.testing.assert_allclose(found.cov, state.cov, atol=1e-7)
+
+
+@pytest.mark.parametrize("chains", [None, 5])
+def test_rows_of_single_markers_are_those_of_all_with_zeros_for_the_others(chains):
+    rng, which = np.random.default_rng(0), np.array([3, 1])
+    view = View(rng.normal(size=(4, 3)), rng.normal(size=(12, 5)), chains)
+    along = rng.normal(size=(2, 3, 3))
+    every = np.zeros((2, 3, 4, 3))
+    every[[0, 1], :, which] = along
+    np.testing.assert_allclose(view.of_markers(along, which), view.combined(every.reshape(2, 3, 12)), atol=1e-15)
+    np.testing.assert_allclose(
+        view.of_markers(along[[0, 0, 1, 1]], slice(None))[2], view.of_markers(along[1:], np.array([2]))[0]
+    )

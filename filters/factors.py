@@ -1,8 +1,8 @@
-"""Triangular factors of covariances, by LAPACK and in place."""
+"""Triangular factors of covariances, and their triangles, by LAPACK and in place."""
 
 import numpy as np
 from scipy.linalg.blas import dsyrk  # type: ignore[attr-defined]  # made at run time
-from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]
+from scipy.linalg.lapack import dpotrf, dtpttr, dtrttp  # type: ignore[attr-defined]
 
 from eal.arrays import Array
 
@@ -34,3 +34,19 @@ def triangular(rows: Array) -> Array:
     factor = np.zeros((rows.shape[1],) * 2)
     factor[:, : len(r)] = (r * np.where(np.diag(r) < 0, -1.0, 1.0)[:, None]).T
     return factor
+
+
+def triangle_of(matrix: Array) -> Array:
+    """(n (n + 1) / 2,) one triangle of a symmetric matrix (n, n)."""
+    return dtrttp(matrix.T, uplo="U")[0]
+
+
+def symmetric(triangle: Array, n: int) -> Array:
+    """(n, n) the symmetric matrix of a triangle by ``triangle_of``."""
+    out = dtpttr(n, triangle, uplo="U")[0]  # zeros below
+    for start in range(0, n, 64):  # by blocks that the cache holds
+        stop = start + 64
+        out[stop:, start:stop] = out[start:stop, stop:].T
+        block = out[start:stop, start:stop]
+        block += np.triu(block, 1).T
+    return out.T

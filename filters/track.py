@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
 from mocap.filters.hide import GAP_FRAMES
-from mocap.filters.motion.base import Frame, MotionModel, Step
+from mocap.filters.motion.base import Folded, Frame, MotionModel, Step
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import GATE_SD, Observed, observe, unused
@@ -129,7 +129,7 @@ def smooth(
     t_s: Array,
     *,
     gate_sd: float = GATE_SD,
-    most_bytes: float = 1.5e9,
+    most_bytes: float = 1e9,
     rate_points: RatePoints | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
@@ -151,8 +151,8 @@ def smooth(
         progress: Called with the share done.
     """
     n_frames, start = observations.n_frames, model.initial().cov
-    # covariance and updates: 1.6 to 1.8 of what the covariance takes, 2.5 where markers are by themselves
-    length = max(2, int(most_bytes / ((2 if start.ndim == 2 else 3) * start.nbytes)))
+    # half of the covariance and updates: 1.1 to 1.3 of what it takes, 2.5 where markers are by themselves
+    length = max(2, int(most_bytes / ((1.4 if start.ndim == 2 else 3) * start.nbytes)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
     xyz, cov = [], []
     keeper = None if rate_points is None else RateKeeper(model, rate_points)
@@ -161,7 +161,7 @@ def smooth(
         half = None if progress is None else (lambda share: progress(0.5 * share))
         before: list[Moments | None] = [None]
         observed: list[Observed] = []
-        filtered: list[Frame] = []
+        filtered: list[Folded] = []
         for block in blocks:
             filtered.clear()
             for one in filter_forward(
@@ -169,16 +169,17 @@ def smooth(
             ):
                 if block is not blocks[-1]:
                     filtered.clear()
-                filtered.append(one)
+                filtered.append(Folded.of(one))
                 observed.append(one.observed)
-            before.append(filtered[-1].state)
+                last = one.state
+            before.append(last)
 
         def backwards() -> Iterator[Frame]:
             for i in range(len(blocks) - 1, -1, -1):
                 again = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], gate_sd=gate_sd)
-                frames = filtered if blocks[i] is blocks[-1] else list(again)
+                frames = filtered if blocks[i] is blocks[-1] else list(map(Folded.of, again))
                 while frames:
-                    yield frames.pop()
+                    yield frames.pop().unfolded
 
         for frame, (here, state, matrix) in zip(range(n_frames - 1, -1, -1), smooth_back(backwards()), strict=True):
             shown = state if len(here.observed.where) else model.informed(state)

@@ -2,9 +2,11 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
+import numpy as np
+from mocap.filters.factors import symmetric, triangle_of
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.observe import Observed
 from numpy.typing import NDArray
@@ -71,6 +73,35 @@ class Frame:
         for update in self.updates:
             rows = update.carry(rows)
         return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Folded:
+    """A frame that is kept until a smoother comes back to it: of a covariance of all markers one triangle.
+
+    Attributes:
+        frame: The frame; of its state the mean alone, where there is a triangle.
+        triangle: (n (n + 1) / 2,) of the covariance; None: it is in the frame, of each marker by itself.
+    """
+
+    frame: Frame
+    triangle: Array | None
+
+    @classmethod
+    def of(cls, frame: Frame) -> "Folded":
+        """A frame, folded."""
+        mean, cov = frame.state.mean, frame.state.cov
+        if cov.ndim > 2:
+            return cls(frame, None)
+        return cls(replace(frame, state=Moments(mean, np.zeros((0, 0)))), triangle_of(cov))
+
+    @property
+    def unfolded(self) -> Frame:
+        """As it was."""
+        if self.triangle is None:
+            return self.frame
+        mean = self.frame.state.mean
+        return replace(self.frame, state=Moments(mean, symmetric(self.triangle, len(mean))))
 
 
 class Keeper(Protocol):

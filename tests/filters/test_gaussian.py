@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mocap.filters.factors import symmetric, triangle_of
 from mocap.filters.gaussian import Adjoint, Moments, View, condition
 
 
@@ -39,3 +40,12 @@ def test_rows_of_single_markers_are_those_of_all_with_zeros_for_the_others(chain
     np.testing.assert_allclose(
         view.of_markers(along[[0, 0, 1, 1]], slice(None))[2], view.of_markers(along[1:], np.array([2]))[0]
     )
+
+
+@pytest.mark.parametrize("n", [1, 63, 64, 130])
+def test_a_covariance_is_folded_and_unfolded_to_the_last_digit(n):
+    root = np.random.default_rng(n).normal(size=(n, n))
+    cov = root @ root.T
+    triangle = triangle_of(cov)
+    assert triangle.shape == (n * (n + 1) // 2,)
+    np.testing.assert_array_equal(symmetric(triangle, n), cov)

@@ -126,7 +126,9 @@ class PoseSettings(TrajectoryModel):
         (docs/experiments/roughness_of_recordings.md).
         """
         each = [replace(self, ranks=(rank,)) for rank in trials.shapes(self.ranks)[1].ranks]
-        judged = [likely_noise(one._learned(trials), trials) for one in each]
+        judged: list[Judged] = []
+        for one in each:
+            judged.append(likely_noise(one._learned(trials), trials, near=judged[-1].factor if judged else 1.0))
         best = max(range(len(each)), key=lambda i: judged[i].log_likelihood)
         settings = each[best]
         law = Delayed(*trials.shapes(settings.ranks)).covariance().logarithms if self.regression else np.zeros(0)
@@ -258,12 +260,17 @@ class Judged(NamedTuple):
     log_likelihood: float
 
 
-def likely_noise(model: PoseMotion, trials: TrialSet) -> Judged:
+def likely_noise(model: PoseMotion, trials: TrialSet, *, near: float = 1.0) -> Judged:
     """The factor on the process noise of the shape under which the last trial's positions are likeliest.
 
     What mechanics leave of smoothed accelerations is too small by what the smoothing took: bats want 4 to 16 times of
     it, lizards what it is. Factors of 4 up or down as long as the likelihood rises, then the vertex of a parabola
     through the best three; by shape, body and residuals alone, in the ``JUDGED_FRAMES`` frames that show most.
+
+    Args:
+        model: Learned from the trials.
+        trials: The trials; the last judges.
+        near: A factor near which the search begins, as that of another rank.
     """
     trial = trials.trials[-1]
     plain = replace(model, potentials=(), bones=None, regression=None)
@@ -284,9 +291,10 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> Judged:
             )
         )
 
-    found = {power: likelihood(power) for power in (0, 1)}
-    step = 1 if found[1] > found[0] else -1
-    best = max(step, 0)
+    first = min(round(float(np.log(near) / np.log(4))), 3)
+    found = {power: likelihood(power) for power in (first, first + 1)}
+    step = 1 if found[first + 1] > found[first] else -1
+    best = first + max(step, 0)
     while abs(best + step) <= 4:  # factors of 4 to this power at most
         found[best + step] = likelihood(best + step)
         if found[best + step] <= found[best]:

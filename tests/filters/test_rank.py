@@ -1,6 +1,7 @@
 """How many shapes a recording alone has: of ranks that fill hidden samples alike, the likeliest."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from mocap.datasets.lizards import lizard_motion
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.models import pose
 from mocap.filters.models.base import TrialSet
-from mocap.filters.models.pose import Judged, PoseSettings
+from mocap.filters.models.pose import Judged, PoseSettings, likely_noise
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.velocities import RatePoints
@@ -42,13 +43,14 @@ def test_the_likeliest_of_ranks_that_fill_alike_is_taken(wings, monkeypatch):
     assert 1 not in good
     judged = []
 
-    def likely(model, _trials, *, best):
+    def likely(model, _trials, *, near, best):
+        assert near == (2.0 + judged[-1] if judged else 1.0)  # where the rank before it was likeliest
         judged.append(model.rank)
         return Judged(factor=2.0 + model.rank, log_likelihood=1.0 if model.rank == best else 0.0)
 
     for best in (1, *good):
         judged.clear()
-        monkeypatch.setattr(pose, "likely_noise", lambda *of, best=best: likely(*of, best=best))
+        monkeypatch.setattr(pose, "likely_noise", partial(likely, best=best))
         tuned = SETTINGS.tuned(wings)
         assert tuned.ranks == (best if best in good else good[0],)
         assert tuned.process_noise == 2.0 + tuned.ranks[0]
@@ -56,6 +58,13 @@ def test_the_likeliest_of_ranks_that_fill_alike_is_taken(wings, monkeypatch):
     first = wings.shapes(good[:1])[1]
     assert first.subspace is wings.shapes(SETTINGS.ranks)[1].subspace
     assert first.ranks == good[:1]  # who asks for one rank is not given the others to weigh
+
+
+@pytest.mark.parametrize("near", [1 / 64, 16.0, 4.0**4])
+def test_the_likeliest_noise_is_found_from_anywhere(wings, near):
+    with one_blas_thread():
+        model = replace(SETTINGS, ranks=(wings.shapes(SETTINGS.ranks)[1].ranks[0],))._learned(wings)
+        assert likely_noise(model, wings, near=near) == likely_noise(model, wings)
 
 
 def test_the_search_goes_past_ranks_that_gain_nothing():

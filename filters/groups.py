@@ -2,11 +2,11 @@
 
 The state of ``PoseMotion`` is what all markers share (shape and body, a few dozen numbers) and a residual of each
 marker. The residuals are independent of each other given the whole path of what is shared, but not given its present
-value alone: an exact filter of M markers has a dense covariance of size 6M, and costs its cube. Here the markers are
+value alone: an exact filter of M markers has a dense covariance of size 9M, and costs its cube. Here the markers are
 split into groups that each estimate what is shared from their own markers, all with one subspace, mechanics, body path
-and regression, which are learned from all markers. A group of 30 markers knows the shape less well than all: positions
-differ by 0.2 to 0.3 standard deviations (docs/experiments/many_markers.md). Covariances between markers of different
-groups are taken for zero.
+and regression, which are learned from all markers. A group of 30 markers knows the shape less well than all: hidden
+positions differ by 0.2 to 0.6 standard deviations, and are as near to the truth (docs/experiments/many_markers.md).
+Covariances between markers of different groups are taken for zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,9 +25,12 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from eal.efforts import Progress, shares
 
-MOST_MARKERS = 60
-"""Models of more markers than this are filtered in groups of about half as many: a frame of the dense
-filter costs the cube of their number, 58 ms with 60 (docs/experiments/many_markers.md)."""
+MOST_MARKERS = 45
+"""Models of more markers than this are filtered in groups. The cost of one filter is the cube of their number: of 45 it
+is that of 60 in groups (docs/experiments/many_markers.md)."""
+GROUP = 30
+"""About the most markers of a group. Gaps of 60 markers are filled in two groups as well as by one filter, in three by
+up to 8 % worse (docs/experiments/many_markers.md)."""
 
 Smooth = Callable[..., Estimate]
 Markers = NDArray[np.int64]
@@ -36,7 +39,7 @@ Markers = NDArray[np.int64]
 def groups_of(model: PoseMotion, size: int | None = None) -> list[Markers]:
     """Markers in groups of about equal size, markers that a bone or a limb joins in one group where there is room."""
     count = len(model.subspace.mean) // 3
-    wanted = -(-count // (size or MOST_MARKERS // 2))
+    wanted = -(-count // (size or GROUP))
     most = -(-count // wanted)
     units = _limbs(model) + ([] if model.bones is None else [ends.tolist() for ends in model.bones.ends])
     of = np.arange(count)

@@ -9,10 +9,12 @@ positions differ by 0.2 to 0.6 standard deviations, and are as near to the truth
 Covariances between markers of different groups are taken for zero.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from mocap.filters.limb_potential import OF_TIMES, HeldPotential, limb_values
 from mocap.filters.motion.pose import PoseMotion, Regression
 from mocap.filters.motion.potential import Bones, PosePotential
 from mocap.filters.moving import Rates
@@ -34,18 +36,24 @@ up to 8 % worse (docs/experiments/many_markers.md)."""
 
 Smooth = Callable[..., Estimate]
 Markers = NDArray[np.int64]
+Own = Mapping[str, NDArray[Any]]
 
 
 def groups_of(model: PoseMotion, size: int | None = None) -> list[Markers]:
-    """Markers in groups of about equal size, markers that a bone or a limb joins in one group where there is room."""
+    """Markers in groups of about equal size: those of a limb together, and those of bones where there is room.
+
+    A group that has but a part of a limb has no potential of it (``part_of``), and gaps of 25 frames are then filled by
+    10 % worse: limbs are whole as long as they, or several that share markers, fill no more than a group.
+    """
     count = len(model.subspace.mean) // 3
     wanted = -(-count // (size or GROUP))
     most = -(-count // wanted)
-    units = _limbs(model) + ([] if model.bones is None else [ends.tolist() for ends in model.bones.ends])
+    units = [(limb, max(most, min(len(limb), MOST_MARKERS))) for limb in _limbs(model)]
+    units += [] if model.bones is None else [(ends, most // 2) for ends in model.bones.ends.tolist()]
     of = np.arange(count)
-    for unit in units:
-        joined = np.isin(of, of[list(unit)])
-        if joined.sum() <= most // 2:
+    for unit, room in units:
+        joined = np.isin(of, of[unit])
+        if joined.sum() <= room:
             of[joined] = of[unit[0]]
     parts = sorted((np.flatnonzero(of == k) for k in np.unique(of)), key=len, reverse=True)
     groups: list[list[int]] = [[] for _ in range(wanted)]
@@ -76,7 +84,12 @@ def part_of(model: PoseMotion, markers: Markers) -> PoseMotion:
         regression = Regression(regression.xyz_m[:, markers], regression.cov_m2[:, markers])
     outside = np.setdiff1d(np.arange(len(subspace.mean)), rows)
     potentials: list[PosePotential] = [
-        replace(limb, on_residual=limb.on_residual[:, rows])
+        replace(
+            limb,
+            on_residual=limb.on_residual[:, rows],
+            root=int(new[limb.root]) if limb.children else limb.root,
+            children=tuple(new[list(limb.children)].tolist()),
+        )
         for limb in model.potentials
         if not limb.on_residual[:, outside].any()
     ]
@@ -109,6 +122,7 @@ def smooth_in_groups(
     count = len(model.subspace.mean) // 3
     xyz, cov = np.empty((len(t_s), count, 3)), np.empty((len(t_s), count, 3, 3))
     observed: list[list[Observed]] = []
+    own: list[tuple[Markers, Own]] = []
     rates = None if rate_points is None else _Together(rate_points, count, len(t_s))
     for markers, tell in zip(groups, shares(progress, [1.0] * len(groups)), strict=True):
         local = None if rate_points is None or rates is None else rates.local(markers)
@@ -118,10 +132,29 @@ def smooth_in_groups(
         observed.append(
             [replace(o, where=np.column_stack([o.where[:, 0], markers[o.where[:, 1]]])) for o in found.observed]
         )
+        own.append((markers, found.own))
         if rates is not None and found.rates is not None:
             rates.add(markers, found.rates)
-    together = [_together(frame) for frame in zip(*observed, strict=True)]
-    return Estimate(xyz_m=xyz, cov_m2=cov, observed=together, rates=None if rates is None else rates.rates())
+    return Estimate(
+        xyz_m=xyz,
+        cov_m2=cov,
+        observed=[_together(frame) for frame in zip(*observed, strict=True)],
+        rates=None if rates is None else rates.rates(),
+        own=_limbs_together(own, count),
+    )
+
+
+def _limbs_together(parts: Sequence[tuple[Markers, Own]], count: int) -> Own:
+    """What groups say of the limbs that they hold (``filters.limb_potential``), with the places of all markers."""
+    limbs: dict[str, HeldPotential] = {}
+    for markers, own in parts:
+        for i, name in enumerate(own.get("limb", np.zeros(0)).tolist()):
+            keys = {key.removeprefix("limb_"): key for key in own if key != "limb"}
+            one = {key: np.take(own[of], i, axis=int(key in OF_TIMES)) for key, of in keys.items()}
+            place, pull = np.full(count, -1), np.full((len(one["pull"]), count, 3), np.nan)
+            place[markers], pull[:, markers] = one["marker"], one["pull"]
+            limbs[name] = {**one, "marker": place, "pull": pull}
+    return {"limb": np.array(list(limbs)), **limb_values(limbs)} if limbs else {}
 
 
 def _together(parts: Sequence[Observed]) -> Observed:

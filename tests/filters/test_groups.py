@@ -68,6 +68,10 @@ def test_one_group_is_the_filter_of_all(bat):
     np.testing.assert_allclose(one.rates.own, whole.rates.own, atol=1e-12)
     np.testing.assert_allclose(one.rates.cross, whole.rates.cross, atol=1e-12)
     np.testing.assert_allclose(one.rates.kept, whole.rates.kept, rtol=1e-3)
+    assert set(one.own) == set(whole.own)
+    assert one.own["limb"].tolist() == whole.own["limb"].tolist()
+    for name in set(whole.own) - {"limb"}:
+        np.testing.assert_allclose(one.own[name], whole.own[name], rtol=1e-4, atol=1e-6, err_msg=name)
 
 
 def test_groups_fill_gaps_as_well(bat, monkeypatch):
@@ -88,6 +92,21 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     apart = np.abs(found.rates.velocity_m_s - whole.rates.velocity_m_s)[:, 34]
     sd = np.sqrt(np.einsum("tii->ti", whole.rates.own[:, 34].astype(float))[:, 3:])
     assert np.median(apart / sd) < 2.0  # the mean's velocity, from both groups together
+
+
+def test_limbs_are_whole_in_a_group_and_said_by_all_markers(bat, monkeypatch):
+    """Two wings of 12 markers in groups of 17: each on its own markers, where one filter of all has it."""
+    model, seen, truth = bat
+    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
+    few = PositionObservations(xyz_m=seen.xyz_m[:5], sd_m=seen.sd_m[:5])
+    asked = RatePoints(names=truth.names)
+    whole = smooth(model, few, truth.t_s[:5], rate_points=asked).own
+    found = FittedGroups(model, truth.t_s[:5]).fill(few, rate_points=asked).own
+    order = [found["limb"].tolist().index(name) for name in whole["limb"].tolist()]
+    assert len(order) == len(found["limb"]) == 3
+    np.testing.assert_array_equal(found["limb_marker"][order], whole["limb_marker"])
+    np.testing.assert_array_equal(np.isnan(found["limb_pull"][:, order]), np.isnan(whole["limb_pull"]))
+    np.testing.assert_array_equal(found["limb_samples"][order], whole["limb_samples"])
 
 
 @pytest.mark.rare

@@ -2,17 +2,19 @@
 
 The state of ``PoseMotion`` is what all markers share (shape and body, a few dozen numbers) and a residual of each
 marker. The residuals are independent of each other given the whole path of what is shared, but not given its present
-value alone: an exact filter of M markers has a dense covariance of size 6M, and costs its cube. Here the markers are
+value alone: an exact filter of M markers has a dense covariance of size 9M, and costs its cube. Here the markers are
 split into groups that each estimate what is shared from their own markers, all with one subspace, mechanics, body path
-and regression, which are learned from all markers. A group of 30 markers knows the shape less well than all: positions
-differ by 0.2 to 0.3 standard deviations (docs/experiments/many_markers.md). Covariances between markers of different
-groups are taken for zero.
+and regression, which are learned from all markers. A group of 30 markers knows the shape less well than all: hidden
+positions differ by 0.2 to 0.6 standard deviations, and are as near to the truth (docs/experiments/many_markers.md).
+Covariances between markers of different groups are taken for zero.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from mocap.filters.limb_potential import OF_TIMES, HeldPotential, limb_values
 from mocap.filters.motion.pose import PoseMotion, Regression
 from mocap.filters.motion.potential import Bones, PosePotential
 from mocap.filters.moving import Rates
@@ -25,24 +27,33 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from eal.efforts import Progress, shares
 
-MOST_MARKERS = 60
-"""Models of more markers than this are filtered in groups of about half as many: a frame of the dense
-filter costs the cube of their number, 58 ms with 60 (docs/experiments/many_markers.md)."""
+MOST_MARKERS = 45
+"""Models of more markers than this are filtered in groups. The cost of one filter is the cube of their number: of 45 it
+is that of 60 in groups (docs/experiments/many_markers.md)."""
+GROUP = 30
+"""About the most markers of a group. Gaps of 60 markers are filled in two groups as well as by one filter, in three by
+up to 8 % worse (docs/experiments/many_markers.md)."""
 
 Smooth = Callable[..., Estimate]
 Markers = NDArray[np.int64]
+Own = Mapping[str, NDArray[Any]]
 
 
 def groups_of(model: PoseMotion, size: int | None = None) -> list[Markers]:
-    """Markers in groups of about equal size, markers that a bone or a limb joins in one group where there is room."""
+    """Markers in groups of about equal size: those of a limb together, and those of bones where there is room.
+
+    A group that has but a part of a limb has no potential of it (``part_of``), and gaps of 25 frames are then filled by
+    10 % worse: limbs are whole as long as they, or several that share markers, fill no more than a group.
+    """
     count = len(model.subspace.mean) // 3
-    wanted = -(-count // (size or MOST_MARKERS // 2))
+    wanted = -(-count // (size or GROUP))
     most = -(-count // wanted)
-    units = _limbs(model) + ([] if model.bones is None else [ends.tolist() for ends in model.bones.ends])
+    units = [(limb, max(most, min(len(limb), MOST_MARKERS))) for limb in _limbs(model)]
+    units += [] if model.bones is None else [(ends, most // 2) for ends in model.bones.ends.tolist()]
     of = np.arange(count)
-    for unit in units:
-        joined = np.isin(of, of[list(unit)])
-        if joined.sum() <= most // 2:
+    for unit, room in units:
+        joined = np.isin(of, of[unit])
+        if joined.sum() <= room:
             of[joined] = of[unit[0]]
     parts = sorted((np.flatnonzero(of == k) for k in np.unique(of)), key=len, reverse=True)
     groups: list[list[int]] = [[] for _ in range(wanted)]
@@ -73,7 +84,12 @@ def part_of(model: PoseMotion, markers: Markers) -> PoseMotion:
         regression = Regression(regression.xyz_m[:, markers], regression.cov_m2[:, markers])
     outside = np.setdiff1d(np.arange(len(subspace.mean)), rows)
     potentials: list[PosePotential] = [
-        replace(limb, on_residual=limb.on_residual[:, rows])
+        replace(
+            limb,
+            on_residual=limb.on_residual[:, rows],
+            root=int(new[limb.root]) if limb.children else limb.root,
+            children=tuple(new[list(limb.children)].tolist()),
+        )
         for limb in model.potentials
         if not limb.on_residual[:, outside].any()
     ]
@@ -106,6 +122,7 @@ def smooth_in_groups(
     count = len(model.subspace.mean) // 3
     xyz, cov = np.empty((len(t_s), count, 3)), np.empty((len(t_s), count, 3, 3))
     observed: list[list[Observed]] = []
+    own: list[tuple[Markers, Own]] = []
     rates = None if rate_points is None else _Together(rate_points, count, len(t_s))
     for markers, tell in zip(groups, shares(progress, [1.0] * len(groups)), strict=True):
         local = None if rate_points is None or rates is None else rates.local(markers)
@@ -115,10 +132,29 @@ def smooth_in_groups(
         observed.append(
             [replace(o, where=np.column_stack([o.where[:, 0], markers[o.where[:, 1]]])) for o in found.observed]
         )
+        own.append((markers, found.own))
         if rates is not None and found.rates is not None:
             rates.add(markers, found.rates)
-    together = [_together(frame) for frame in zip(*observed, strict=True)]
-    return Estimate(xyz_m=xyz, cov_m2=cov, observed=together, rates=None if rates is None else rates.rates())
+    return Estimate(
+        xyz_m=xyz,
+        cov_m2=cov,
+        observed=[_together(frame) for frame in zip(*observed, strict=True)],
+        rates=None if rates is None else rates.rates(),
+        own=_limbs_together(own, count),
+    )
+
+
+def _limbs_together(parts: Sequence[tuple[Markers, Own]], count: int) -> Own:
+    """What groups say of the limbs that they hold (``filters.limb_potential``), with the places of all markers."""
+    limbs: dict[str, HeldPotential] = {}
+    for markers, own in parts:
+        for i, name in enumerate(own.get("limb", np.zeros(0)).tolist()):
+            keys = {key.removeprefix("limb_"): key for key in own if key != "limb"}
+            one = {key: np.take(own[of], i, axis=int(key in OF_TIMES)) for key, of in keys.items()}
+            place, pull = np.full(count, -1), np.full((len(one["pull"]), count, 3), np.nan)
+            place[markers], pull[:, markers] = one["marker"], one["pull"]
+            limbs[name] = {**one, "marker": place, "pull": pull}
+    return {"limb": np.array(list(limbs)), **limb_values(limbs)} if limbs else {}
 
 
 def _together(parts: Sequence[Observed]) -> Observed:

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
-from mocap.filters.groups import MOST_MARKERS, groups_of, part_of, smooth_in_groups
+from mocap.filters.groups import GROUP, MOST_MARKERS, groups_of, part_of, smooth_in_groups
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
@@ -103,7 +103,7 @@ class PoseSettings(TrajectoryModel):
 
     def fill_s(self, markers: int, frames: int) -> float:
         """5.5 ms a frame of 15 markers, 11 with rank 8, 17 to 20 of 31, 37 to 39 of 34, 43 to 51 of 50."""
-        groups = -(-markers // (MOST_MARKERS // 2)) if markers > MOST_MARKERS else 1
+        groups = -(-markers // GROUP) if markers > MOST_MARKERS else 1
         return groups * (0.003 + 0.0025 * ((markers / groups + self.ranks[0]) / 15) ** 2.5) * frames
 
     def pull(self, samples: Array, *, rate: float, over: Over = lambda kernel: kernel) -> Callable[[Array], Array]:

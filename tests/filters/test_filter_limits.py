@@ -247,13 +247,13 @@ def test_a_trunk_stays_near_the_body_by_a_hundredth_and_three_hundredths_of_a_ra
 
 @pytest.mark.parametrize(("markers", "groups"), [(30, 1), (31, 2)])
 def test_groups_have_about_thirty_markers(markers, groups):
-    """Half of sixty."""
+    """One more makes two groups."""
     model = SimpleNamespace(subspace=SimpleNamespace(mean=np.zeros(3 * markers)), potentials=(), bones=None)
     assert len(groups_of(model)) == groups
 
 
-@pytest.mark.parametrize(("markers", "kind"), [(55, FittedMotion), (65, FittedGroups)])
-def test_sixty_markers_are_filtered_together(monkeypatch, markers, kind):
+@pytest.mark.parametrize(("markers", "kind"), [(45, FittedMotion), (46, FittedGroups)])
+def test_forty_five_markers_are_filtered_together(monkeypatch, markers, kind):
     """More in groups."""
     model = object.__new__(PoseMotion)
     object.__setattr__(model, "subspace", SimpleNamespace(mean=np.zeros(3 * markers)))

@@ -1,10 +1,12 @@
 """Many markers in groups: what a pose filter makes of each, beside one filter of all."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mocap.datasets import make_bat
 from mocap.filters.anatomy import anatomy_of
-from mocap.filters.groups import groups_of, part_of, smooth_in_groups
+from mocap.filters.groups import MOST_MARKERS, groups_of, part_of, smooth_in_groups
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import FittedGroups, PoseSettings, likely_noise
 from mocap.filters.motion.pose import PoseMotion
@@ -39,6 +41,19 @@ def test_groups_are_all_markers_once(bat):
     assert len(groups_of(model, 34)) == 1
 
 
+def test_more_markers_are_no_cheaper_than_sixty():
+    """Work is the cube of a filter's states, 9 a marker and 63 of rank 15, over that of the 34 markers of a bat."""
+
+    def work(markers: int) -> float:
+        model = SimpleNamespace(subspace=SimpleNamespace(mean=np.zeros(3 * markers)), potentials=(), bones=None)
+        sizes = [len(group) for group in groups_of(model)] if markers > MOST_MARKERS else [markers]
+        return sum((63 + 9 * size) ** 3 for size in sizes) / (63 + 9 * 34) ** 3
+
+    assert work(60) <= min(1.8, work(100))
+    assert max(work(markers) for markers in range(34, 101)) <= 2.4
+    assert work(300) <= 9
+
+
 @pytest.mark.rare
 def test_one_group_is_the_filter_of_all(bat):
     """The same operations on arrays that lie otherwise in memory: equal to rounding."""
@@ -53,6 +68,10 @@ def test_one_group_is_the_filter_of_all(bat):
     np.testing.assert_allclose(one.rates.own, whole.rates.own, atol=1e-12)
     np.testing.assert_allclose(one.rates.cross, whole.rates.cross, atol=1e-12)
     np.testing.assert_allclose(one.rates.kept, whole.rates.kept, rtol=1e-3)
+    assert set(one.own) == set(whole.own)
+    assert one.own["limb"].tolist() == whole.own["limb"].tolist()
+    for name in set(whole.own) - {"limb"}:
+        np.testing.assert_allclose(one.own[name], whole.own[name], rtol=1e-4, atol=1e-6, err_msg=name)
 
 
 def test_groups_fill_gaps_as_well(bat, monkeypatch):
@@ -60,7 +79,7 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     model, seen, truth = bat
     asked = RatePoints(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
     whole = smooth(model, seen, truth.t_s, rate_points=asked)
-    monkeypatch.setattr("mocap.filters.groups.MOST_MARKERS", 34)
+    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
     found = FittedGroups(model, truth.t_s).fill(seen, rate_points=asked)
     assert len(found.observed) == T
     assert sorted(found.observed[0].where[:, 1].tolist()) == list(range(34))
@@ -75,6 +94,21 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     assert np.median(apart / sd) < 2.0  # the mean's velocity, from both groups together
 
 
+def test_limbs_are_whole_in_a_group_and_said_by_all_markers(bat, monkeypatch):
+    """Two wings of 12 markers in groups of 17: each on its own markers, where one filter of all has it."""
+    model, seen, truth = bat
+    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
+    few = PositionObservations(xyz_m=seen.xyz_m[:5], sd_m=seen.sd_m[:5])
+    asked = RatePoints(names=truth.names)
+    whole = smooth(model, few, truth.t_s[:5], rate_points=asked).own
+    found = FittedGroups(model, truth.t_s[:5]).fill(few, rate_points=asked).own
+    order = [found["limb"].tolist().index(name) for name in whole["limb"].tolist()]
+    assert len(order) == len(found["limb"]) == 3
+    np.testing.assert_array_equal(found["limb_marker"][order], whole["limb_marker"])
+    np.testing.assert_array_equal(np.isnan(found["limb_pull"][:, order]), np.isnan(whole["limb_pull"]))
+    np.testing.assert_array_equal(found["limb_samples"][order], whole["limb_samples"])
+
+
 @pytest.mark.rare
 def test_the_process_noise_is_judged_by_groups(bat, monkeypatch):
     """Of half of the markers each, it is within a factor of 4, one step of the search, of what all say together."""
@@ -84,7 +118,7 @@ def test_the_process_noise_is_judged_by_groups(bat, monkeypatch):
     whole = likely_noise(model, trials).factor
     sizes = []
     monkeypatch.setattr("mocap.filters.models.pose.MOST_MARKERS", 30)
-    monkeypatch.setattr("mocap.filters.groups.MOST_MARKERS", 34)
+    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
     monkeypatch.setattr(
         "mocap.filters.models.pose.part_of", lambda of, some: sizes.append(len(some)) or part_of(of, some)
     )

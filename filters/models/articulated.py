@@ -12,7 +12,7 @@ from mocap.filters.independent import FEWEST_FRAMES, INDEPENDENT
 from mocap.filters.joint_types import Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.limbs import held_together, known_poses, sides
-from mocap.filters.models.pose import WEIGHT, PoseSettings, learn_pose, recorded_motion
+from mocap.filters.models.pose import WEIGHT, PoseSettings, filter_s, learn_pose, recorded_motion
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
@@ -66,8 +66,8 @@ class ArticulatedSettings(TrajectoryModel):
         return self.pose.fit_s(markers, frames)
 
     def fill_s(self, markers: int, frames: int) -> float:
-        """As of poses."""
-        return self.pose.fill_s(markers, frames)
+        """As of poses, whose markers are in one group."""
+        return filter_s(markers, self.pose.ranks[0], frames)
 
     def applies(self, anatomy: Anatomy) -> bool:
         """Of an animal with rigid bones."""

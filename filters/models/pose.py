@@ -102,9 +102,9 @@ class PoseSettings(TrajectoryModel):
         return 0.5 + 3.8e-4 * markers * frames + judged_s
 
     def fill_s(self, markers: int, frames: int) -> float:
-        """5.5 ms a frame of 15 markers, 11 with rank 8, 17 to 20 of 31, 37 to 39 of 34, 43 to 51 of 50."""
+        """Of each group of markers by itself."""
         groups = -(-markers // GROUP) if markers > MOST_MARKERS else 1
-        return groups * (0.003 + 0.0025 * ((markers / groups + self.ranks[0]) / 15) ** 2.5) * frames
+        return groups * filter_s(markers / groups, self.ranks[0], frames)
 
     def pull(self, samples: Array, *, rate: float, over: Over = lambda kernel: kernel) -> Callable[[Array], Array]:
         """Gradient of the potential of samples (N, d), here of V_z.
@@ -176,6 +176,11 @@ class PoseSettings(TrajectoryModel):
             "pose_stiffness": model.mechanics.stiffness,
             "pose_damping": model.mechanics.damping,
         }
+
+
+def filter_s(markers: float, rank: int, frames: int) -> float:
+    """Processor seconds of one filter: 5.5 ms a frame of 15 markers, 11 with rank 8, 17 to 20 of 31, 37 to 39 of 34."""
+    return (0.003 + 0.0025 * ((markers + rank) / 15) ** 2.5) * frames
 
 
 def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes) -> RecordedMotion:

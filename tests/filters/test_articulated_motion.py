@@ -264,3 +264,12 @@ def test_a_held_root_leaves_slips_of_the_trunk_to_its_markers():
     xyz[:, :3] += 0.1 * rng.normal(size=(40, 3, 3))
     off = [np.sqrt(np.mean((fit_poses(tree, xyz, sd, root=root).angles - q) ** 2)) for root in ((1, 1), (0.01, 0.03))]
     assert off[1] < 0.7 * off[0]
+
+
+def test_the_time_of_a_chain_is_that_of_one_filter():
+    """Chains are not split into groups of markers, as poses are."""
+    chain = ArticulatedSettings()
+    pose = chain.pose
+    assert chain.fill_s(45, 100) == pose.fill_s(45, 100)
+    assert chain.fill_s(60, 100) > 1.5 * chain.fill_s(45, 100)
+    assert pose.fill_s(60, 100) < 1.5 * pose.fill_s(45, 100)

@@ -312,7 +312,7 @@ class EmpiricalPotential:
         """A function of (n, d) configurations at (..., d) of them, a bounded number at a time."""
         q = points("q", q, self.dimension)
         width = len(self.centres) * ((self.dimension + 1) * self.dimension if second else 1)
-        flat, size = q.reshape(-1, q.shape[-1]), max(1, (1 << 22) // width)  # 32 MiB of kernel values
+        flat, size = q.reshape(-1, q.shape[-1]), max(1, (1 << 20) // width)  # 8 MiB of kernel values
         parts = [function(flat[i : i + size]) for i in range(0, max(len(flat), 1), size)]
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return result.reshape(q.shape[:-1] + result.shape[1:])

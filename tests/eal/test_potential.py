@@ -15,6 +15,7 @@ from eal import (
     Tail,
     Tikhonov,
     fit_potential,
+    fitting,
     load_potential,
 )
 from eal.archive import ArchiveError
@@ -42,6 +43,26 @@ def test_value_is_the_letter_of_the_paper(kernel, spectral_filter, method, rng):
     expected = reference.potential(z, q, kernel=name, beta=kernel.beta, lam=lam, filter_name=spectral_filter.name)
     assert np.abs(fitted.value(q) - expected).max() <= fitted.error_bound + 1e-9
     assert np.abs(fitted.value(q) - expected).max() <= 2e-5
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_eigenvalues_tell_in_vain_pivots_beforehand(weighted, rng, monkeypatch):
+    """Whether looked at first or not, the same method and bits: of narrow kernels all samples are centres."""
+    methods = set()
+    for n in (1, 2, 3, 20, 60):
+        z = circle(rng, n)
+        weights = rng.integers(1, 4, n) if weighted else None
+        for beta in (1e-6, 1e-2, 1.0, 30.0, 1e4):
+            for max_rank in (2000, 5, 1):
+                options = {"kernel": GaussianKernel(beta), "lam": 1e-3, "weights": weights, "max_rank": max_rank}
+                with monkeypatch.context() as patched:
+                    patched.setattr(fitting, "FEW", 0)
+                    late = fit_potential(z, **options)
+                found = fit_potential(z, **options)
+                assert found.method == late.method, (n, beta, max_rank)
+                assert np.array_equal(found.root, late.root)
+                methods.add(found.method)
+    assert methods == {"exact", "cholesky"}
 
 
 def test_one_sample_is_one_minus_the_squared_kernel():

@@ -83,7 +83,7 @@ def statistics_of(
         own = [i for i in own if len(frames) >= LEAST and np.isfinite(curves[i, :2, frames]).all()]
         size = max(1, MOST // max(1, len(frames) * max(len(frames), DRAWS)))
         for part in (own[first : first + size] for first in range(0, len(own), size)):
-            told = _statistics(curves[np.ix_(part, range(3), frames)], turns[part], found.t_s[frames], row)
+            told = _statistics(curves[np.ix_(part, range(3), frames.tolist())], turns[part], found.t_s[frames], row)
             for i, values, sds in zip(part, *told, strict=True):
                 filled = (some[i].rests[frames] != Rests.MEASURED).any()
                 status = DOUBTFUL if row.status == DOUBTFUL else "filled" if filled else "measured"

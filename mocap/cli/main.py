@@ -1,5 +1,6 @@
 """The command line: ``mocap``."""
 
+import atexit
 import gc
 import os
 import re
@@ -99,6 +100,7 @@ def start(
 def main() -> None:
     """Run, and turn every trouble into one line and an exit code."""
     gc.set_threshold(OBJECTS)
+    atexit.register(gc.freeze)  # last of all: the end of Python goes through all objects three times, 0.5 s
     read_names_as_utf8()
     talk_in_any_encoding()
     debug = bool(os.environ.get(DEBUG_VARIABLE))

@@ -64,7 +64,7 @@ class Radial(Kernel):
 
     @abstractmethod
     def _log(self, s: Array) -> Array:
-        """l(s)."""
+        """l(s), maybe in the memory of s."""
 
     @abstractmethod
     def _slopes(self, s: Array) -> tuple[Array, Array]:
@@ -117,7 +117,7 @@ class GaussianKernel(Radial):
         return np.maximum(s, 0.0, out=s)
 
     def _log(self, s: Array) -> Array:
-        return -self.beta * s
+        return np.multiply(s, -self.beta, out=s)
 
     def _slopes(self, s: Array) -> tuple[Array, Array]:
         return np.full_like(s, -self.beta), np.zeros_like(s)

@@ -6,7 +6,6 @@ from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 
 class MissingPackageError(ImportError):
@@ -24,6 +23,8 @@ def installing(extra: str) -> str:
 
     As pip notes it (PEP 610, ``direct_url.json``).
     """
+    from urllib.request import url2pathname  # 35 ms, for a message
+
     try:
         told = json.loads(distribution("eal-mocap").read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, ValueError):  # on a search path alone; damaged

@@ -32,6 +32,8 @@ HALF_DIGIT = float(np.finfo(np.float64).eps) / 2
 """1 less this is 1."""
 MANY_POINTS = 64
 """Of so many points those far from all samples are looked for, and not computed."""
+MAP_POINTS = 512
+"""Of so many points V is computed in a third of the operations, with more rounding."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,12 +130,30 @@ class EmpiricalPotential:
         # |B^T k|^2 <= |B|^2 m max k^2: most of a map is so far from all samples that V is 1 to the last digit
         logs, value = self.kernel.log_gram(q, self.centres), np.ones(len(q))
         near = 2 * logs.max(axis=1) > np.log(HALF_DIGIT / (len(self.root) * np.sum(self.root**2)))
-        value[near] = self._of_kernels(np.exp(logs[near]))
+        k = logs[near]
+        np.exp(k, out=k)
+        value[near] = self._of_kernels(k) if len(q) < MAP_POINTS else self._of_map_kernels(k)
         return value
 
     def _of_kernels(self, k: Array) -> Array:
         a = k @ self.root
         return np.maximum(1.0 - np.einsum("nr,nr->n", a, a), 0.0)  # rounding below 0 is cut
+
+    def _of_map_kernels(self, k: Array) -> Array:
+        """The same, in the memory of k; exact roots by those columns of B alone whose gain g is not that of 0.
+
+        B = D U diag(g / W)^1/2 with orthonormal U: |B^T k|^2 = g(0) |D k|^2 / W + sum_j (1 - g(0) / g_j) (B_j^T k)^2.
+        The tail has one gain below lambda, where most eigenvalues are. Terms of 1 / lambda cancel, within
+        ``error_bound``: to 1e-12, which a map does not show, and which is 1e-9 of V at a sample.
+        """
+        gain = self.spectral_filter.gain(self.eigenvalues, self.sigma_lambda)
+        lowest = float(self.spectral_filter.gain(np.zeros(1), self.sigma_lambda)[0])
+        own = gain != lowest
+        if self.method != "exact" or not gain.all() or own.mean() > 0.5:
+            return self._of_kernels(k)
+        a = k @ self.root[:, own]
+        k *= np.sqrt(self.weights * (lowest / self.weights.sum()))
+        return np.maximum(1.0 - np.einsum("nm,nm->n", k, k) - np.square(a) @ (1.0 - lowest / gain[own]), 0.0)
 
     def gradient(self, q: ArrayLike) -> Array:
         """Gradient of V_z: (..., d) configurations to (..., d), in 1/unit; raises as ``value``."""
@@ -312,7 +332,7 @@ class EmpiricalPotential:
         """A function of (n, d) configurations at (..., d) of them, a bounded number at a time."""
         q = points("q", q, self.dimension)
         width = len(self.centres) * ((self.dimension + 1) * self.dimension if second else 1)
-        flat, size = q.reshape(-1, q.shape[-1]), max(1, (1 << 22) // width)  # 32 MiB of kernel values
+        flat, size = q.reshape(-1, q.shape[-1]), max(1, (1 << 19) // width)  # 4 MiB of kernel values
         parts = [function(flat[i : i + size]) for i in range(0, max(len(flat), 1), size)]
         result = parts[0] if len(parts) == 1 else np.concatenate(parts)
         return result.reshape(q.shape[:-1] + result.shape[1:])

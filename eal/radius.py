@@ -117,17 +117,27 @@ def resampled_values(
     rows = factor.rows
     features = np.linalg.solve(factor.corner, potential.kernel.gram(z[factor.pivots], at)).T
 
-    def value(weights: Array) -> Array:
-        sigma, vectors = np.linalg.eigh((rows * (weights / weights.sum())[:, None]).T @ rows)
-        response = potential.spectral_filter.response(sigma, lam)
-        return 1.0 - ((features @ vectors) ** 2) @ response
-
     if trials is None:
         drawn = _drawn_blocks(potential, rng, block, resamples)
     else:
         parts = (rng.integers(0, len(trials), len(trials)) for _ in range(resamples))
         drawn = (np.repeat(np.bincount(part, minlength=len(trials)), trials) for part in parts)
-    return value(potential.weights), np.stack([value(counts * potential.weights) for counts in drawn])
+    # V = 1 - sum_j r_j (v_j.f)^2 for features f, and sum_j sigma_j (v_j.f)^2 = sum_i w_i (f_i.f)^2 of all samples i:
+    # only eigenvectors whose gain is not that of 0, a third of them, are multiplied with the features
+    lowest = float(potential.spectral_filter.gain(np.zeros(1), lam)[0])
+    found = []
+    for weights in (potential.weights, *(counts * potential.weights for counts in drawn)):
+        shares = weights / weights.sum()
+        sigma, vectors = np.linalg.eigh((rows * shares[:, None]).T @ rows)
+        more = potential.spectral_filter.response(sigma, lam) - lowest * np.maximum(sigma, 0.0)
+        own = potential.spectral_filter.gain(np.maximum(sigma, 0.0), lam) != lowest
+        found.append((shares, vectors[:, own], more[own]))
+    values, size = np.empty((len(found), len(at))), max(1, (1 << 22) // n)  # 32 MiB of squares
+    for part in (slice(first, first + size) for first in range(0, len(at), size)):
+        squares = np.square(features[part] @ rows.T)
+        for value, (shares, axes, more) in zip(values, found, strict=True):
+            value[part] = 1.0 - lowest * (squares @ shares) - np.square(features[part] @ axes) @ more
+    return values[0], values[1:]
 
 
 def _drawn_blocks(

@@ -92,11 +92,14 @@ def _pairs(one: Array, other: Array, least: float) -> list[tuple[int, int, float
     count = one.shape[1]
     own = np.linalg.norm(one - other, axis=-1)
     nearest, across = np.full(own.shape, -1), np.full(own.shape, np.nan)
+    axes = np.moveaxis(other, -1, 0).copy()
     for m in range(count):
-        far = np.linalg.norm(one[:, m, None] - other, axis=-1)
-        known = np.isfinite(far).any(axis=1)
-        nearest[known, m] = np.nanargmin(far[known], axis=1)
-        across[known, m] = np.nanmin(far[known], axis=1)
+        far = np.sqrt(sum((one[:, m, k, None] - there) ** 2 for k, there in enumerate(axes)))
+        far[~np.isfinite(far)] = np.inf
+        gap = far.min(axis=1)
+        known = np.isfinite(gap)
+        nearest[known, m] = far.argmin(axis=1)[known]
+        across[known, m] = gap[known]
     found = []
     for a, b in sorted({(m, int(n)) for m in range(count) for n in np.unique(nearest[:, m]) if m < n}):
         both = np.isfinite(own[:, a]) & np.isfinite(own[:, b])

@@ -168,14 +168,18 @@ def groups(seen: NDArray[np.bool_]) -> list[list[int]]:
 
 
 def by_camera(residual: Array, seen: NDArray[np.bool_]) -> Array:
-    """(C,) median residual of the points that each camera sees; NaN where it sees none.
+    """(C, ...) median residual of the points that each camera sees; NaN where it sees none.
 
     Args:
-        residual: (K,) pixels; NaN without a point.
-        seen: (C, K) which camera sees which point.
+        residual: (..., K) pixels; NaN without a point.
+        seen: (C, ..., K) which camera sees which point.
     """
-    own = [residual[s & np.isfinite(residual)] for s in seen]
-    return np.array([np.median(some) if len(some) else np.nan for some in own])
+    if not residual.shape[-1]:
+        return np.full(seen.shape[:-1], np.nan)
+    own = np.sort(np.where(seen & np.isfinite(residual), residual, np.nan), axis=-1)  # NaN last
+    n = np.isfinite(own).sum(axis=-1, keepdims=True)
+    middle = [np.take_along_axis(own, at, axis=-1)[..., 0] for at in (np.maximum(n - 1, 0) // 2, n // 2 * (n > 0))]
+    return (middle[0] + middle[1]) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,16 +225,22 @@ class _Part:
             self._views[key] = undistorted([self.cameras[to]], pixels[None])[0]
         return self._views[key]
 
-    def median(self, change: _Arranging, stretch: Array, step: int = 1) -> float:
-        """The median residual of the worst camera with a change, every ``step``-th point."""
-        ideal = np.empty_like(self.uv[:, ::step])
-        for i, (kind, to) in enumerate(zip(change.kinds, change.order, strict=True)):
-            wide, high = stretch if kind else np.ones(2)
-            ideal[to] = self._view(i, kind, to, float(wide), float(high), step)
+    def medians(self, changes: Sequence[_Arranging], stretch: Array, step: int = 1) -> Array:
+        """(n,) median residual of the worst camera with each of n changes, every ``step``-th point."""
+        n_cameras, points = self.uv[:, ::step].shape[:2]
+        ideal = np.empty((n_cameras, len(changes), points, 2))
+        for at, change in enumerate(changes):
+            for i, (kind, to) in enumerate(zip(change.kinds, change.order, strict=True)):
+                wide, high = stretch if kind else np.ones(2)
+                ideal[to, at] = self._view(i, kind, to, float(wide), float(high), step)
         with np.errstate(all="ignore"):
             miss = residual_px(self._matrices, ideal, linear(self._matrices, ideal))
-        own = by_camera(miss, np.isfinite(ideal[..., 0]))
-        return float(np.nanmax(own)) if np.isfinite(miss).mean() > 0.5 else np.inf
+        worst = np.fmax.reduce(by_camera(miss, np.isfinite(ideal[..., 0])), axis=0)
+        return np.where(np.isfinite(miss).mean(axis=-1) > 0.5, worst, np.inf)
+
+    def median(self, change: _Arranging, stretch: Array, step: int = 1) -> float:
+        """The same with one change."""
+        return float(self.medians([change], stretch, step)[0])
 
     def all_alike(self, kind: str) -> float:
         """The same with one change of the pixels in all cameras."""
@@ -248,11 +258,10 @@ class _Part:
         as_is = self.all_alike(down)
         if as_is < LOOKED_AT_PX:
             return None
-        tried = sorted(
-            ((self.median(c, np.ones(2), few), i, c) for i, c in enumerate(_changes(n))), key=lambda t: t[:2]
-        )
+        changes = list(_changes(n))
+        tried = [changes[i] for i in np.argsort(self.medians(changes, np.ones(2), few), kind="stable")[:6]]
         sized = all(c.size_px is not None for c in self.cameras)
-        refined = [(*_refined(self.median, change, sized, few), change) for _, _, change in tried[:6]]
+        refined = [(*_refined(self.median, change, sized, few), change) for change in tried]
         fit = min(residual for residual, _, _ in refined)
         alike = sorted((t for t in refined if t[0] < 1.5 * fit), key=lambda t: (_count(t[2]), t[0]))
         best, stretch, change = alike[0]

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
-from mocap.cli.console import in_options, program, show, show_text, typed
+from mocap.cli.console import program, show, show_text, typed
+from mocap.reading.reading import in_options
 from mocap.report.summary import better, error_lines, length_line, notes
 from mocap.text import number_of
 

@@ -1,5 +1,7 @@
 """The command line: ``mocap``."""
 
+import atexit
+import gc
 import os
 import re
 import signal
@@ -19,6 +21,10 @@ from mocap.trouble import ended_by_plugin, trouble_of
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED, TERMINATED = 1, 70, 130, 143
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), Ctrl-C, and SIGTERM."""
+
+OBJECTS = 20_000
+"""New objects after which Python looks for circles among them: at its own 700 the 2,000 modules that a command imports
+are gone through 600 times, 0.4 s. Memory is the same to 2 %."""
 
 
 class _Stopped(Exception):
@@ -93,6 +99,8 @@ def start(
 
 def main() -> None:
     """Run, and turn every trouble into one line and an exit code."""
+    gc.set_threshold(OBJECTS)
+    atexit.register(gc.freeze)  # last of all: the end of Python goes through all objects three times, 0.5 s
     read_names_as_utf8()
     talk_in_any_encoding()
     debug = bool(os.environ.get(DEBUG_VARIABLE))

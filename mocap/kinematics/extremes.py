@@ -1,10 +1,11 @@
 """Peak, trough, range and mean of each quantity in each cycle, with intervals that contain where the peak is."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Z95, Array
 from mocap.kinematics.records import DOUBTFUL, Cycle, Kinematics, Quantity, Rests
@@ -27,6 +28,8 @@ above the true one: 1 where it is the truth and noise, 0 where it is the mean of
 to 0.23 for angles of joints and the body, -0.1 for speeds of markers, all +- 0.2 (docs/experiments/peaks.md)."""
 LEAST = 4
 """Frames that a cycle needs."""
+MOST = 4_000_000
+"""Numbers in the curves that are drawn at a time: 32 MiB."""
 
 
 def cycle_statistics(
@@ -55,20 +58,41 @@ def cycle_statistics(
     Raises:
         MocapError: there is no such quantity.
     """
-    import pandas as pd
-
     if quantity is None:
         some = [q for q in found.quantities if is_summarised(q, found)]
     else:
         some = [q for q in found.quantities if without_side(q.name) == quantity] or [found[quantity]]
-    lines = [
-        (found.recording, animal, row.kind, row.of, row.number, side_of(q.name), without_side(q.name), *line)
-        for q in some
-        for row in rows
-        if TRUNK in (side_of(q.name), side_of(row.of)) or side_of(q.name) == side_of(row.of)
-        for line in _statistics(q, found, row)
-    ]
-    return pd.DataFrame(lines, columns=list(COLUMNS))
+    return statistics_of(some, found, rows, animal=animal)
+
+
+def statistics_of(
+    some: Sequence[Quantity], found: Kinematics, rows: Sequence[Cycle], *, animal: str = ""
+) -> "pd.DataFrame":
+    """The same of some of the quantities, all of them at once in each cycle."""
+    import pandas as pd
+
+    sides, names = [side_of(q.name) for q in some], [without_side(q.name) for q in some]
+    none = np.zeros(len(found.t_s))
+    rate_sd = [found[name].sd if (name := rate_name(q)) in found else none for q in some]
+    curves = np.array([(q.value, q.sd, rate) for q, rate in zip(some, rate_sd, strict=True)])
+    turns = np.array([q.unit == "deg" for q in some])
+    lines: dict[tuple[int, int], list[tuple]] = {}  # by quantity and cycle
+    for k, row in enumerate(rows):
+        frames = np.flatnonzero((found.t_s >= row.start_s) & (found.t_s <= row.end_s))
+        own = [i for i, side in enumerate(sides) if TRUNK in (side, side_of(row.of)) or side == side_of(row.of)]
+        own = [i for i in own if len(frames) >= LEAST and np.isfinite(curves[i, :2, frames]).all()]
+        size = max(1, MOST // max(1, len(frames) * max(len(frames), DRAWS)))
+        for part in (own[first : first + size] for first in range(0, len(own), size)):
+            told = _statistics(curves[np.ix_(part, range(3), frames.tolist())], turns[part], found.t_s[frames], row)
+            for i, values, sds in zip(part, *told, strict=True):
+                filled = (some[i].rests[frames] != Rests.MEASURED).any()
+                status = DOUBTFUL if row.status == DOUBTFUL else "filled" if filled else "measured"
+                which = found.recording, animal, row.kind, row.of, row.number, sides[i], names[i]
+                units = *[some[i].unit] * 4, "s", "1"
+                ends = values - Z95 * sds, values + Z95 * sds
+                each = zip(STATISTICS, values, sds, *ends, units, strict=True)
+                lines[i, k] = [(*which, *one, status) for one in each]
+    return pd.DataFrame([line for at in sorted(lines) for line in lines[at]], columns=list(COLUMNS))
 
 
 def is_summarised(q: Quantity, found: Kinematics) -> bool:
@@ -96,45 +120,43 @@ def rate_name(q: Quantity) -> str:
     return f"{q.name.removesuffix(q.unit)}rate_{q.unit}_s"
 
 
-def _statistics(
-    q: Quantity, found: Kinematics, row: Cycle
-) -> Iterator[tuple[str, float, float, float, float, str, str]]:
-    t_s = found.t_s
-    frames = np.flatnonzero((t_s >= row.start_s) & (t_s <= row.end_s))
-    if len(frames) < LEAST or not (np.isfinite(q.value[frames]) & np.isfinite(q.sd[frames])).all():
-        return
-    time = t_s[frames]
-    curve = np.degrees(np.unwrap(np.radians(q.value[frames]))) if q.unit == "deg" else q.value[frames]
-    rate = found[rate_name(q)].sd[frames] if rate_name(q) in found else np.zeros(len(frames))
-    drawn = curve + q.sd[frames] * _errors(time, q.sd[frames], rate)
-    status = "filled" if (q.rests[frames] != Rests.MEASURED).any() else "measured"
-    status = DOUBTFUL if row.status == DOUBTFUL else status
+def _statistics(curves: Array, turns: NDArray[np.bool_], time: Array, row: Cycle) -> tuple[Array, Array]:
+    """``STATISTICS`` of quantities in a cycle, and their standard deviations.
 
-    def line(
-        name: str, value: float, sd: float, unit: str = q.unit
-    ) -> tuple[str, float, float, float, float, str, str]:
-        return name, value, sd, value - Z95 * sd, value + Z95 * sd, unit, status
+    Args:
+        curves: (Q, 3, n) value, its standard deviation, and that of the rate.
+        turns: (Q,) which are angles.
+        time: (n,) times.
+        row: The cycle.
 
-    tops, bottoms = drawn.max(axis=1), drawn.min(axis=1)
-    above, below = TAKEN * (tops.mean() - curve.max()), TAKEN * (bottoms.mean() - curve.min())
-    yield line("peak", curve.max() - above, tops.std())
-    yield line("trough", curve.min() - below, bottoms.std())
-    yield line("range", np.ptp(curve) - above + below, (tops - bottoms).std())
-    yield line("mean", curve.mean(), drawn.mean(axis=1).std())
+    Returns:
+        (Q, 6) each.
+    """
+    value, sd, rate_sd = np.moveaxis(curves, 1, 0)
+    curve = np.where(turns[:, None], np.degrees(np.unwrap(np.radians(value))), value)
+    drawn = curve[:, None] + sd[:, None] * _errors(time, sd, rate_sd)
+    tops, bottoms, top, bottom = drawn.max(axis=-1), drawn.min(axis=-1), curve.max(axis=-1), curve.min(axis=-1)
+    above, below = TAKEN * (tops.mean(axis=-1) - top), TAKEN * (bottoms.mean(axis=-1) - bottom)
     step = (time[-1] - time[0]) / (len(time) - 1)
-    at = float(time[curve.argmax()] - row.start_s)
-    spread = float(np.hypot(time[drawn.argmax(axis=1)].std(), step / np.sqrt(12)))  # and between frames
-    yield line("peak_time_s", at, spread, "s")
-    yield line("peak_phase", at / row.duration_s, spread / row.duration_s, "1")
+    at = time[curve.argmax(axis=-1)] - row.start_s
+    spread = np.hypot(time[drawn.argmax(axis=-1)].std(axis=-1), step / np.sqrt(12))  # and between frames
+    found = top - above, bottom - below, top - bottom - above + below, curve.mean(axis=-1), at, at / row.duration_s
+    of = tops, bottoms, tops - bottoms, drawn.mean(axis=-1)
+    deviations = *(one.std(axis=-1) for one in of), spread, spread / row.duration_s
+    return np.stack(found, axis=-1), np.stack(deviations, axis=-1)
 
 
 def _errors(t_s: Array, sd: Array, rate_sd: Array) -> Array:
-    """(DRAWS, n) errors over their standard deviations; where no rate is known an error lasts for the whole cycle."""
-    per_s = np.divide(rate_sd, sd, out=np.zeros(len(sd)), where=(sd > 0) & np.isfinite(rate_sd))
-    passed = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t_s) * (per_s[1:] + per_s[:-1]))])
-    cov = np.exp(-0.5 * np.subtract.outer(passed, passed) ** 2)
-    cov[np.diag_indices_from(cov)] += 1e-6  # equal neighbours: the matrix must have a root
-    return _normal(len(t_s)) @ np.linalg.cholesky(cov).T
+    """(Q, DRAWS, n) errors over their standard deviations, (Q, n).
+
+    Where no rate is known an error lasts for the whole cycle.
+    """
+    per_s = np.divide(rate_sd, sd, out=np.zeros(sd.shape), where=(sd > 0) & np.isfinite(rate_sd))
+    passed = np.cumsum(0.5 * np.diff(t_s, prepend=t_s[0]) * (per_s + np.roll(per_s, 1, axis=-1)), axis=-1)
+    cov = np.exp(-0.5 * (passed[:, :, None] - passed[:, None, :]) ** 2)
+    every = np.arange(len(t_s))
+    cov[:, every, every] += 1e-6  # equal neighbours: the matrix must have a root
+    return _normal(len(t_s)) @ np.linalg.cholesky(cov).swapaxes(1, 2)
 
 
 @cache

@@ -12,7 +12,7 @@ import numpy as np
 
 from eal.arrays import Z95, Array
 from mocap.kinematics.cycles import Cycle, Footfalls, counted, cycles_table, why_none
-from mocap.kinematics.extremes import STATISTICS, cycle_statistics
+from mocap.kinematics.extremes import STATISTICS, statistics_of, without_side
 from mocap.kinematics.frequency import frequencies
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.manual import what_to_do
@@ -22,7 +22,7 @@ from mocap.plots.kinematics import UNITS, label
 from mocap.reading.reading import in_options
 from mocap.records import Status
 from mocap.report.summary import expected_error, length_text, notes, two_digits
-from mocap.sides import words
+from mocap.sides import side_of, words
 from mocap.tracking.result import Result
 
 _MEANT = {"body_speed_m_s": "net body speed"}
@@ -182,8 +182,10 @@ def _peaks(run: Result, found: Kinematics, rows: Sequence[Cycle]) -> dict[str, A
     Mean and standard deviation over cycles, and the median 95 % interval of one cycle's peak. None: there is none.
     """
     lines = []
-    for title, q in _shown_angles(run, found):
-        table = cycle_statistics(found, counted(rows), q.name)
+    shown = _shown_angles(run, found)
+    every = statistics_of([q for _, q in shown], found, counted(rows))
+    for title, q in shown:
+        table = every[(every["quantity"] == without_side(q.name)) & (every["side"] == side_of(q.name))]
         for of in table["of"].unique():
             some = table[table["of"] == of]
             values = {name: np.asarray(some["value"][some["statistic"] == name]) for name in STATISTICS}

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as parquet
 
 from eal.over_time import at_frames
 from mocap.io.tables import origin_words
@@ -24,6 +23,9 @@ from mocap.results.stored import read_recording
 from mocap.results.tables import cycle_tables, write_table
 from mocap.tracking.result import Result
 from mocap.tracking.tracking import of_tracks
+
+if TYPE_CHECKING:
+    import pyarrow.parquet as parquet
 
 MARKERS, KINEMATICS, BLOCKS = "markers.parquet", "kinematics.parquet", "blocks.csv"
 
@@ -93,6 +95,8 @@ class BlockWriter:
         )
 
     def _write(self, name: str, table: pa.Table) -> None:
+        import pyarrow.parquet as parquet  # 0.1 s, for long recordings alone
+
         if name not in self._open:
             schema = table.schema.with_metadata(self._meta)
             self._open[name] = parquet.ParquetWriter(self._folder / name, schema, compression="zstd")

@@ -184,15 +184,20 @@ def _draw_segments(found: JointMap, ax: Any) -> None:
 
 def _draw_angles(found: JointMap, ax: Any) -> None:
     """A ring of angles, with a bar as long as the joint was often there."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
     length, (near, far) = found.length_mm, BARS
     ring = np.array([_at(near * length, degrees) for degrees in np.linspace(-180, 180, 181)])
     ax.plot(*ring.T, color="white", linewidth=0.6, alpha=0.6, zorder=4)
+    bars, ticks = [], _ticks(found.degrees)
     for degrees, share in zip(found.degrees, found.share, strict=True):
         end = near + (far - near) * share / found.share.max()
-        edge = [_at(r * length, degrees + s * 0.42 * BIN_DEG) for r, s in ((near, -1), (end, -1), (end, 1), (near, 1))]
-        ax.fill(*np.transpose(edge), color="white", alpha=0.85, linewidth=0, zorder=4)
-    for degrees in _ticks(found.degrees):
-        ax.plot(*np.transpose([_at(r * length, degrees) for r in (near - 0.05, near)]), color="white", linewidth=1)
+        corners = (near, -1), (end, -1), (end, 1), (near, 1)
+        bars.append([_at(r * length, degrees + s * 0.42 * BIN_DEG) for r, s in corners])
+    ax.add_collection(PolyCollection(bars, color="white", alpha=0.85, linewidth=0, zorder=4))
+    marks = [[_at(r * length, degrees) for r in (near - 0.05, near)] for degrees in ticks]
+    ax.add_collection(LineCollection(marks, color="white", linewidth=1, capstyle="projecting", zorder=2))
+    for degrees in ticks:
         ax.text(*_at(1.49 * length, degrees), f"{degrees}°", **_TEXT)
 
 

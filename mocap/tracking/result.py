@@ -131,7 +131,7 @@ class Result(Recording):
         coordinates = np.moveaxis(self.data[f"joint_{frame}"].values, 1, 0)
         return dict(zip(self.data["joint"].values.tolist(), coordinates, strict=True))
 
-    @property
+    @cached_property
     def limbs(self) -> dict[str, HeldPotential]:
         """What potentials said of limbs that they held: the variables ``limb_...`` of each, of its own samples.
 

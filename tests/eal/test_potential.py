@@ -15,10 +15,12 @@ from eal import (
     Tail,
     Tikhonov,
     fit_potential,
+    fitting,
     load_potential,
 )
 from eal.archive import ArchiveError
 from eal.fitting import ROUNDING, pivoted_cholesky
+from eal.potential import MAP_POINTS
 from tests.reference import empirical_potential as reference
 
 KERNELS = [GaussianKernel(3.0), LaplaceKernel(1.5), Matern32Kernel(2.0), Matern52Kernel(2.0)]
@@ -42,6 +44,40 @@ def test_value_is_the_letter_of_the_paper(kernel, spectral_filter, method, rng):
     expected = reference.potential(z, q, kernel=name, beta=kernel.beta, lam=lam, filter_name=spectral_filter.name)
     assert np.abs(fitted.value(q) - expected).max() <= fitted.error_bound + 1e-9
     assert np.abs(fitted.value(q) - expected).max() <= 2e-5
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_eigenvalues_tell_in_vain_pivots_beforehand(weighted, rng, monkeypatch):
+    """Whether looked at first or not, the same method and bits: of narrow kernels all samples are centres."""
+    methods = set()
+    for n in (1, 2, 3, 20, 60):
+        z = circle(rng, n)
+        weights = rng.integers(1, 4, n) if weighted else None
+        for beta in (1e-6, 1e-2, 1.0, 30.0, 1e4):
+            for max_rank in (2000, 5, 1):
+                options = {"kernel": GaussianKernel(beta), "lam": 1e-3, "weights": weights, "max_rank": max_rank}
+                with monkeypatch.context() as patched:
+                    patched.setattr(fitting, "FEW", 0)
+                    late = fit_potential(z, **options)
+                found = fit_potential(z, **options)
+                assert found.method == late.method, (n, beta, max_rank)
+                assert np.array_equal(found.root, late.root)
+                methods.add(found.method)
+    assert methods == {"exact", "cholesky"}
+
+
+@pytest.mark.parametrize("spectral_filter", FILTERS, ids=lambda f: f.name)
+@pytest.mark.parametrize("method", ["exact", "cholesky"])
+def test_a_map_has_the_values_of_its_points(spectral_filter, method, rng):
+    """Of many points at once and of each alone, to the rounding of N terms of up to 1 / (N lambda): ``error_bound``."""
+    z, q = circle(rng, 90), 1.5 * rng.standard_normal((2 * MAP_POINTS, 2))
+    weights = rng.uniform(0.5, 2.0, len(z))
+    kernel = GaussianKernel(8.0)
+    fitted = fit_potential(z, kernel=kernel, lam=1e-4, spectral_filter=spectral_filter, method=method, weights=weights)
+    alone = np.concatenate([fitted.value(some) for some in np.split(q, len(q) // 32)])
+    assert np.abs(fitted.value(q) - alone).max() < np.finfo(float).eps * np.sqrt(len(z)) / fitted.lam
+    assert np.isclose(alone, 1.0).any()
+    assert (alone < 0.1).any()
 
 
 def test_one_sample_is_one_minus_the_squared_kernel():

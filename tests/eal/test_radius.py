@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eal import GaussianKernel, Tail, fit_potential
+from eal import GaussianKernel, Projection, Tail, Tikhonov, fit_potential
 from eal.radius import resampled_values, value_deviation, value_interval
 from tests.reference import circle
 from tests.swings import draw
@@ -42,6 +42,16 @@ def test_resampled_potential_is_a_fit_with_weights(rng):
     """With a block of all samples every resample is a turn of the same samples: what differs is rounding."""
     middle, values = resampled_values(walk(rng, 200, 3.0), GRID, rng=rng, block=200, resamples=5)
     assert np.abs(values - middle).max() < 1e-9
+
+
+@pytest.mark.parametrize("spectral_filter", [Tail(), Projection(), Tikhonov()], ids=lambda f: f.name)
+def test_all_samples_give_the_potential_itself(spectral_filter, rng):
+    """For filters with one gain at small eigenvalues, none and any: to 2 sqrt(1e-4), as pivots stop at 1e-4 lambda."""
+    z = 0.3 * rng.standard_normal((150, 2)) + 1.0
+    potential = fit_potential(z, kernel=GaussianKernel(1.0), lam=LAM, spectral_filter=spectral_filter)
+    middle, _ = resampled_values(potential, GRID, rng=rng, block=1, resamples=1)
+    assert np.abs(middle - potential.value(GRID)).max() < 0.02
+    assert potential.value(GRID).max() > 0.5
 
 
 def test_the_deviation_at_a_point_is_that_of_repeated_recordings():

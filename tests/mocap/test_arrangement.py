@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mocap.audit import alarms, audited, fit_findings
-from mocap.cameras.arrangement import ArrangementError, find_arrangement
+from mocap.cameras.arrangement import ArrangementError, by_camera, find_arrangement
 from mocap.cameras.camera import dlt_coefficients, record
 from mocap.cameras.origin import PixelOptions, decide_origin
 from mocap.errors import CalibrationError
@@ -260,3 +260,17 @@ def test_flipped_cameras_are_named_where_principal_points_tell_no_height():
     with pytest.raises(CalibrationError, match="put it at 400 to 1500") as other:
         decide_origin(cameras, np.random.default_rng(3).uniform(0, HEIGHT, uv.shape))
     assert not isinstance(other.value, ArrangementError)
+
+
+def test_medians_by_camera_are_numpys():
+    """Of many sets of points at once: to the last bit what ``np.median`` gives; NaN where a camera sees none."""
+    rng = np.random.default_rng(0)
+    residual, seen = rng.gamma(2.0, size=(5, 7, 11)), rng.random((3, 5, 7, 11)) < 0.6
+    residual[rng.random(residual.shape) < 0.2] = np.nan
+    seen[1, 2, 3] = False
+    found = by_camera(residual, seen)
+    for place in np.ndindex(found.shape):
+        own = residual[place[1:]][seen[place] & np.isfinite(residual[place[1:]])]
+        assert np.array_equal(found[place], np.median(own) if len(own) else np.nan, equal_nan=True)
+    assert np.isnan(found[1, 2, 3])
+    assert np.isnan(by_camera(residual[..., :0], seen[..., :0])).all()

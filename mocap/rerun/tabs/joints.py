@@ -52,10 +52,11 @@ def tab(layout: Layout) -> rrb.Container | None:
     if not layout.joint_frames and not layout.run.limbs:
         return None
     sides = by_side(layout.landscapes)
-    parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
+    each = {name: joint(layout, name) for name in layout.landscapes}
+    parts: list[rrb.Container | rrb.View] = list(each.values())
     if len(sides) > 1 and len(parts) > ONE_ROW:
         parts = [
-            rrb.Tabs(*(joint(layout, name) for name in names), active_tab=0, name=side.capitalize())
+            rrb.Tabs(*(each[name] for name in names), active_tab=0, name=side.capitalize())
             for side, names in sides.items()
         ]
     others = [name for name in layout.joint_frames if name not in layout.landscapes]

@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from mocap.errors import MocapError
+from mocap.kinematics import extremes
 from mocap.kinematics.extremes import cycle_statistics, without_side
 from mocap.kinematics.records import DOUBTFUL, Cycle, Kinematics, Quantity, Rests
 
@@ -118,3 +120,20 @@ def test_a_quantity_is_taken_in_the_cycles_of_its_side():
         cycle_statistics(found, [beat()], "knee_deg")
     assert without_side("d3_mcp_l_flexion_deg") == "d3_mcp_flexion_deg"
     assert without_side("body_speed_m_s") == "body_speed_m_s"
+
+
+def test_quantities_of_a_cycle_are_what_each_is_alone(monkeypatch):
+    """To the last bit, in the order of quantities and then of cycles, in memory for one curve as for all of them."""
+    rng = np.random.default_rng(3)
+    names = ("elbow_l_flexion_deg", "tail_flexion_deg", "elbow_r_flexion_deg", "body_speed_m_s")
+    some = [quantity(name, rng.normal(0, 300, len(T)).cumsum(), rng.uniform(0.5, 2.0, len(T))) for name in names]
+    some += [replace(some[1], name="tail_flexion_rate_deg_s", unit="deg_s")]
+    found = Kinematics(recording="r", quantities=tuple(some), t_s=T)
+    rows = [beat(1, 0.0, 0.4), beat(2, 0.4, 0.9, of="wing_r"), beat(3, 0.5, 0.52)]
+    alone = [cycle_statistics(found, rows, name) for name in names]
+    assert [len(one) for one in alone] == [6, 12, 6, 12]
+    for most in (extremes.MOST, 1):
+        monkeypatch.setattr(extremes, "MOST", most)
+        pd.testing.assert_frame_equal(
+            cycle_statistics(found, rows), pd.concat(alone, ignore_index=True), check_exact=True
+        )

@@ -40,12 +40,17 @@ def spent(command: Sequence[str | Path]) -> tuple[float, float, str]:
     """Seconds of the processor of a command and its children, seconds on the wall, and what it printed."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
-        [str(word) for word in command], cwd=ROOT, env=os.environ | ONE, capture_output=True, text=True, check=False
+        [str(word) for word in command], cwd=ROOT, env=_as_users_run(), capture_output=True, text=True, check=False
     )
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: {done.stderr[-2000:]}")
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall, done.stdout
+
+
+def _as_users_run() -> dict[str, str]:
+    """One process, and modules that are compiled once: some environments have Python write none."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | ONE
 
 
 def installed() -> Path:

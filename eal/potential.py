@@ -32,8 +32,6 @@ HALF_DIGIT = float(np.finfo(np.float64).eps) / 2
 """1 less this is 1."""
 MANY_POINTS = 64
 """Of so many points those far from all samples are looked for, and not computed."""
-MAP_POINTS = 512
-"""Of so many points V is computed in a third of the operations, with more rounding."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,28 +130,12 @@ class EmpiricalPotential:
         near = 2 * logs.max(axis=1) > np.log(HALF_DIGIT / (len(self.root) * np.sum(self.root**2)))
         k = logs[near]
         np.exp(k, out=k)
-        value[near] = self._of_kernels(k) if len(q) < MAP_POINTS else self._of_map_kernels(k)
+        value[near] = self._of_kernels(k)
         return value
 
     def _of_kernels(self, k: Array) -> Array:
         a = k @ self.root
         return np.maximum(1.0 - np.einsum("nr,nr->n", a, a), 0.0)  # rounding below 0 is cut
-
-    def _of_map_kernels(self, k: Array) -> Array:
-        """The same, in the memory of k; exact roots by those columns of B alone whose gain g is not that of 0.
-
-        B = D U diag(g / W)^1/2 with orthonormal U: |B^T k|^2 = g(0) |D k|^2 / W + sum_j (1 - g(0) / g_j) (B_j^T k)^2.
-        The tail has one gain below lambda, where most eigenvalues are. Terms of 1 / lambda cancel, within
-        ``error_bound``: to 1e-12, which a map does not show, and which is 1e-9 of V at a sample.
-        """
-        gain = self.spectral_filter.gain(self.eigenvalues, self.sigma_lambda)
-        lowest = float(self.spectral_filter.gain(np.zeros(1), self.sigma_lambda)[0])
-        own = gain != lowest
-        if self.method != "exact" or not gain.all() or own.mean() > 0.5:
-            return self._of_kernels(k)
-        a = k @ self.root[:, own]
-        k *= np.sqrt(self.weights * (lowest / self.weights.sum()))
-        return np.maximum(1.0 - np.einsum("nm,nm->n", k, k) - np.square(a) @ (1.0 - lowest / gain[own]), 0.0)
 
     def gradient(self, q: ArrayLike) -> Array:
         """Gradient of V_z: (..., d) configurations to (..., d), in 1/unit; raises as ``value``."""

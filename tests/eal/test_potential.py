@@ -20,7 +20,6 @@ from eal import (
 )
 from eal.archive import ArchiveError
 from eal.fitting import ROUNDING, pivoted_cholesky
-from eal.potential import MAP_POINTS
 from tests.reference import empirical_potential as reference
 
 KERNELS = [GaussianKernel(3.0), LaplaceKernel(1.5), Matern32Kernel(2.0), Matern52Kernel(2.0)]
@@ -64,20 +63,6 @@ def test_eigenvalues_tell_in_vain_pivots_beforehand(weighted, rng, monkeypatch):
                 assert np.array_equal(found.root, late.root)
                 methods.add(found.method)
     assert methods == {"exact", "cholesky"}
-
-
-@pytest.mark.parametrize("spectral_filter", FILTERS, ids=lambda f: f.name)
-@pytest.mark.parametrize("method", ["exact", "cholesky"])
-def test_a_map_has_the_values_of_its_points(spectral_filter, method, rng):
-    """Of many points at once and of each alone, to the rounding of N terms of up to 1 / (N lambda): ``error_bound``."""
-    z, q = circle(rng, 90), 1.5 * rng.standard_normal((2 * MAP_POINTS, 2))
-    weights = rng.uniform(0.5, 2.0, len(z))
-    kernel = GaussianKernel(8.0)
-    fitted = fit_potential(z, kernel=kernel, lam=1e-4, spectral_filter=spectral_filter, method=method, weights=weights)
-    alone = np.concatenate([fitted.value(some) for some in np.split(q, len(q) // 32)])
-    assert np.abs(fitted.value(q) - alone).max() < np.finfo(float).eps * np.sqrt(len(z)) / fitted.lam
-    assert np.isclose(alone, 1.0).any()
-    assert (alone < 0.1).any()
 
 
 def test_one_sample_is_one_minus_the_squared_kernel():

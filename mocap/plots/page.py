@@ -185,7 +185,7 @@ def _peaks(run: Result, found: Kinematics, rows: Sequence[Cycle]) -> dict[str, A
     shown = _shown_angles(run, found)
     every = statistics_of([q for _, q in shown], found, counted(rows))
     for title, q in shown:
-        table = every[(every["quantity"] == without_side(q.name)) & (every["side"] == side_of(q.name))]
+        table = every.loc[(every["quantity"] == without_side(q.name)) & (every["side"] == side_of(q.name))]
         for of in table["of"].unique():
             some = table[table["of"] == of]
             values = {name: np.asarray(some["value"][some["statistic"] == name]) for name in STATISTICS}

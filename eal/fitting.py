@@ -148,14 +148,13 @@ def solve(
     limited = method == "auto" and len(z) <= 4000  # 0.1 GiB, some 10 s
     cap = min(max_rank, len(z) // 2) if limited else max_rank
     tolerance = lam * (0.5 * accuracy) ** 2
-    if limited and cap > 0 and len(z) <= FEW:
-        found = _exact(kernel, z, weights, lam, spectral_filter)
-        # the trace off m pivots is at least that off the first m eigenvectors: cap - 1 of them cannot be enough
-        if found.eigenvalues[cap - 1 :].sum() > 2.0 * tolerance + RANK_ROUNDING:
-            return found
+    found = _exact(kernel, z, weights, lam, spectral_filter) if limited and cap > 0 and len(z) <= FEW else None
+    # the trace off m pivots is at least that off the first m eigenvectors: cap - 1 of them cannot be enough
+    if found is not None and found.eigenvalues[cap - 1 :].sum() > 2.0 * tolerance + RANK_ROUNDING:
+        return found
     factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max(cap, 1))
     if limited and len(factor.pivots) == cap:
-        return _exact(kernel, z, weights, lam, spectral_filter)
+        return _exact(kernel, z, weights, lam, spectral_filter) if found is None else found
     # B = C^-T R diag(r)^1/2 with R, sigma from the SVD of the samples in the basis of the pivots
     total = weights.sum()
     sigma, vectors = _principal_axes(factor.rows, weights / total)

@@ -163,15 +163,35 @@ def test_what_some_system_lacks_is_not_used_without_a_reason():
 RESERVED = {"con", "prn", "aux", "nul", *(f"{name}{i}" for name in ("com", "lpt") for i in range(1, 10))}
 
 
+def in_git() -> list[str]:
+    """Names of all files that are committed or staged."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout
+    return listed.decode("utf-8").rstrip("\0").split("\0")
+
+
 def test_every_system_can_hold_the_files():
     """Windows knows no ``:`` and no ``aux.py``; it and macOS take names that differ in case for one."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout
-    names = listed.decode("utf-8").rstrip("\0").split("\0")
+    names = in_git()
     parts = {part for name in names for part in name.split("/")}
     assert not {part for part in parts if re.search(r'[<>:"|?*\\\x00-\x1f]|[. ]$', part)}
     assert not {part for part in parts if part.partition(".")[0].lower() in RESERVED}
     assert not [name for name, count in Counter(name.lower() for name in names).items() if count > 1]
     assert max(map(len, names)) < 180  # of 260, with the folder of a clone before
+
+
+TOP = {
+    *(".ci", ".github", ".gitignore", ".pre-commit-config.yaml", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md"),
+    *("LICENCES.md", "LICENSE", "MANIFEST.in", "Makefile", "README.md", "benchmarks", "datasets", "docs", "eal"),
+    *("filters", "make.py", "mocap", "pyproject.toml", "requirements-dev.lock", "requirements-lowest.lock"),
+    *("requirements.lock", "tests", "typings"),
+}
+
+
+def test_nothing_strange_lies_at_the_top_nor_anything_large_below():
+    """What an experiment leaves, as arrays of a recording, is committed soon, and stays in the history for ever."""
+    names = in_git()
+    assert {name.split("/")[0] for name in names} == TOP
+    assert max((ROOT / name).stat().st_size for name in names if (ROOT / name).exists()) < 1.1e6
 
 
 @pytest.mark.rare
